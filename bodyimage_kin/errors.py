@@ -1,0 +1,95 @@
+"""Every error a user can cause, typed: it names the thing that is wrong and the remedy, in one line."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class BodyImageKinError(Exception):
+    """Base of all errors raised on purpose by this package."""
+
+
+class InvalidURDF(BodyImageKinError):
+    """A robot description that is not a URDF this package can trust.
+
+    Attributes:
+        problem: What is wrong.
+        element: The element at fault, e.g. ``joint 'left_elbow'``; empty when there is none to name.
+        line: Line in the file, counted from 1; None when unknown.
+        remedy: What to do about it.
+    """
+
+    def __init__(self, problem: str, *, element: str = "", line: int | None = None, remedy: str = "") -> None:
+        self.problem, self.element, self.line, self.remedy = problem, element, line, remedy
+        place = ", ".join(part for part in (element, f"line {line}" if line is not None else "") if part)
+        super().__init__((f"{place}: " if place else "") + problem + (f"; {remedy}" if remedy else ""))
+
+
+class UnknownName(BodyImageKinError):
+    """A name that nothing here bears.
+
+    Attributes:
+        kind: What was looked for, e.g. ``"link"``.
+        name: The name that was given.
+        valid: Every name that would have been accepted.
+        close_matches: Those of them that look like ``name``.
+    """
+
+    def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
+        self.kind, self.name, self.valid = kind, name, tuple(valid)
+        self.close_matches = tuple(difflib.get_close_matches(str(name), self.valid, n=3))
+        guess = f"did you mean {' or '.join(repr(match) for match in self.close_matches)}? " if self.close_matches else ""
+        super().__init__(f"no {kind} {name!r}; {guess}valid: {', '.join(self.valid) or '(none)'}")
+
+
+class InvalidPosture(BodyImageKinError):
+    """Joint values of the wrong shape, kind or value."""
+
+
+class InvalidRecording(BodyImageKinError):
+    """A recording that lacks what is needed of it, or has no samples or no motion to learn from."""
+
+
+class InvalidConfig(BodyImageKinError):
+    """A setting out of its range, or a configuration file that cannot be read; names the field."""
+
+
+class InvalidArray(BodyImageKinError):
+    """An array of the wrong shape or kind, where no more particular error applies."""
+
+
+class NotVisible(BodyImageKinError):
+    """The hand is not in front of the camera plane, so it has no image."""
+
+
+class Unreachable(BodyImageKinError):
+    """A place that the hand cannot reach within the joint limits.
+
+    Attributes:
+        taxels: The taxels that cannot be reached, empty when the place is not a taxel.
+    """
+
+    def __init__(self, message: str, taxels: Iterable[int] = ()) -> None:
+        self.taxels = tuple(taxels)
+        super().__init__(message)
+
+
+class NotDifferentiable(BodyImageKinError):
+    """A derivative was asked of something that has none."""
+
+
+class UnsupportedDevice(BodyImageKinError):
+    """A tensor lives on a device that the backend does not compute on; nothing is moved silently."""
+
+
+class MissingDependency(BodyImageKinError):
+    """An optional library is not installed; the message says how to install it."""
+
+
+class InvalidGeometry(BodyImageKinError):
+    """Geometry that is missing, of an unknown kind, or outside the allowed folders."""
+
+
+class OutputRefused(BodyImageKinError):
+    """An output place that exists and is not ours: it is never overwritten silently."""
