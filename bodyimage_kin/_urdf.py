@@ -1,9 +1,10 @@
-"""The checked kinematic tree of a URDF, before any backend sees it."""
+"""The checked kinematic tree of a URDF, before any backend sees it, and its plain XML: all that a backend gets."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
+from xml.sax.saxutils import quoteattr
 
 Vector = tuple[float, float, float]
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
@@ -68,3 +69,41 @@ class KinematicTree:
     root: str
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
+
+
+def write_core(tree: KinematicTree) -> str:
+    """The kinematics of a robot as URDF: links and joints only, with nothing left to a parser's defaults.
+
+    Args:
+        tree: A checked tree.
+
+    Returns:
+        XML without a declaration. Floats are written so that reading them back gives the same bits. Axes are left out
+        of fixed joints, and limits of all but revolute and prismatic ones.
+    """
+    lines = [f"<robot name={quoteattr(tree.name)}>"]
+    lines += [f"  <link name={quoteattr(link)}/>" for link in tree.links]
+    for joint in tree.joints:
+        lines += [
+            f'  <joint name={quoteattr(joint.name)} type="{joint.kind}">',
+            f"    <parent link={quoteattr(joint.parent)}/>",
+            f"    <child link={quoteattr(joint.child)}/>",
+            f'    <origin xyz="{_numbers(*joint.xyz)}" rpy="{_numbers(*joint.rpy)}"/>',
+        ]
+        if joint.kind != "fixed":
+            lines.append(f'    <axis xyz="{_numbers(*joint.axis)}"/>')
+        if joint.kind in ("revolute", "prismatic"):
+            # Other parsers demand effort and velocity; they mean nothing to kinematics.
+            lower, upper = _numbers(joint.lower), _numbers(joint.upper)
+            lines.append(f'    <limit lower="{lower}" upper="{upper}" effort="0" velocity="0"/>')
+        if joint.mimic is not None:
+            multiplier, offset = _numbers(joint.mimic.multiplier), _numbers(joint.mimic.offset)
+            source = quoteattr(joint.mimic.joint)
+            lines.append(f'    <mimic joint={source} multiplier="{multiplier}" offset="{offset}"/>')
+        lines.append("  </joint>")
+    lines.append("</robot>")
+    return "\n".join(lines) + "\n"
+
+
+def _numbers(*values: float) -> str:
+    return " ".join(repr(float(value)) for value in values)
