@@ -1,0 +1,79 @@
+"""Independent kinematics libraries behind one protocol.
+
+``kinematics(robot, "pinocchio")`` gives the oracle, ``"pytorch_kinematics"`` the differentiable twin. A backend has one
+method, pose and Jacobian; everything else is shared (:class:`RobotKinematics`).
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Mapping
+from typing import Any
+
+from bodyimage_kin.backends._protocol import Kinematics as Kinematics
+from bodyimage_kin.backends._shared import Reference as Reference
+from bodyimage_kin.backends._shared import RobotKinematics as RobotKinematics
+from bodyimage_kin.errors import InvalidConfig, MissingDependency, UnknownName
+from bodyimage_kin.robot import Robot
+
+# Name -> (module it imports, where the class is, how to install it), fastest first.
+_KNOWN: Mapping[str, tuple[str, str, str]] = {
+    "pinocchio": ("pinocchio", "bodyimage_kin.backends.pinocchio_backend:PinocchioBackend", "pip install pin"),
+    "pytorch_kinematics": (
+        "pytorch_kinematics",
+        "bodyimage_kin.backends.pytorch_kinematics_backend:PytorchKinematicsBackend",
+        "pip install pytorch-kinematics",
+    ),
+}
+
+
+def backends() -> dict[str, str]:
+    """The known backends, fastest first: ``"installed"``, or the command that installs what is missing."""
+    return {
+        name: "installed" if importlib.util.find_spec(module) else install
+        for name, (module, _, install) in _KNOWN.items()
+    }
+
+
+def kinematics(robot: Robot, backend: str | Kinematics | type | None = None) -> RobotKinematics:
+    """The kinematics of a robot, by one backend.
+
+    Args:
+        robot: The robot.
+        backend: A name (:func:`backends` lists them), ``"package.module:Class"``, a class built as ``Class(robot)``,
+            an object that has ``pose_and_jacobian`` (built for ``robot.unfolded``), or None: the fastest
+            differentiable one installed.
+
+    Raises:
+        UnknownName: A name that is none of the known ones.
+        MissingDependency: The backend's library is not installed.
+        InvalidConfig: What is named, or given, has no ``pose_and_jacobian``.
+    """
+    if backend is None:
+        backend = next(name for name, state in backends().items() if state == "installed")
+    if isinstance(backend, str):
+        name, built = backend, _load(backend)
+    elif isinstance(backend, type):
+        name, built = backend.__name__, backend
+    else:
+        name, built = type(backend).__name__, backend
+    if not callable(getattr(built, "pose_and_jacobian", None)):
+        raise InvalidConfig(f"backend {name!r} has no method pose_and_jacobian(q, link)")
+    return RobotKinematics(robot, built(robot.unfolded) if isinstance(built, type) else built, name)
+
+
+def _load(name: str) -> Any:
+    """The class behind a backend's name."""
+    if name in _KNOWN:
+        module, place, install = _KNOWN[name]
+        if importlib.util.find_spec(module) is None:
+            raise MissingDependency(f"backend '{name}' needs {module}, which is not installed; {install}")
+        name = place
+    if ":" not in name:
+        raise UnknownName("backend", name, (*_KNOWN, "package.module:Class"))
+    module, _, attribute = name.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as problem:
+        raise InvalidConfig(f"cannot load backend {name!r}: {problem}; give 'package.module:Class'") from problem

@@ -1,0 +1,58 @@
+"""What a kinematics backend must offer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Protocol, runtime_checkable
+
+import torch
+from jaxtyping import Float
+
+from bodyimage_kin._urdf import KinematicTree
+from bodyimage_kin.robot import Robot
+
+
+@runtime_checkable
+class Kinematics(Protocol):
+    """One implementation of forward kinematics and its Jacobian, built as ``Class(robot)``.
+
+    The robot it gets has no following (mimic) joints: these are set free before and folded afterwards by shared code,
+    as are frames of reference, batch shapes, dtypes, checks, hessians and gradients (:class:`RobotKinematics`).
+    """
+
+    def pose_and_jacobian(
+        self, q: Float[torch.Tensor, "batch n"], link: str
+    ) -> tuple[Float[torch.Tensor, "batch 4 4"], Float[torch.Tensor, "batch 6 n"]]:
+        """Pose and Jacobian of a link.
+
+        Args:
+            q: Postures, joints in the robot's canonical order, contiguous, finite, without a gradient.
+            link: A link of the robot.
+
+        Returns:
+            root_T_link, and the Jacobian in ``local_world_aligned``: axes of the root, origin at the link, rows linear
+            [m/rad] then angular [rad/rad]; columns of joints off the path are zero.
+        """
+        ...
+
+
+def numbered_chain(robot: Robot, link: str) -> KinematicTree:
+    """The bare chain from the root to a link, joints in path order, links and joints renamed to numbers.
+
+    Libraries sort joints by name, keep words for themselves (``universe``, ``world``) or mix up a link and a joint of
+    one name. None of that can happen to a chain whose names are ours.
+
+    Returns:
+        Links ``link0`` (the root) to ``linkN`` (the end), joints ``joint1`` to ``jointN``.
+    """
+    joints = robot.path(link)
+    renamed = tuple(
+        replace(joint, name=f"joint{index}", parent=f"link{index - 1}", child=f"link{index}", mimic=None)
+        for index, joint in enumerate(joints, start=1)
+    )
+    return KinematicTree("chain", "link0", tuple(f"link{index}" for index in range(len(joints) + 1)), renamed)
+
+
+def moving_columns(robot: Robot, link: str) -> list[int]:
+    """Where the moving joints of the path to a link stand in q, root first."""
+    return [robot.joint_index(joint.name) for joint in robot.path(link) if joint.kind != "fixed"]
