@@ -1,0 +1,301 @@
+"""The body image: which image of the hand belongs to each taxel, and to each posture (equations 12 to 16).
+
+Both maps learn online as a self-organizing map does, but with a winner that is given: the touched taxel, and the unit
+of the posture map nearest to the felt posture. What they learn from is an estimate of the hand image; handing them the
+true one instead is "direct sight", the best that this rule can do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float, Int
+
+from bodyimage_kin.body_image._checks import choice, float_array, grid_shape, number, postures, variable, whole
+from bodyimage_kin.body_image.kernel import KERNELS, exponents, window
+from bodyimage_kin.body_image.posture_som import PostureSOM
+from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording
+
+ALPHAS = ("geometric", "constant", "per_visit")
+SILENCE_MODES = ("touch", "taxel")
+SNAPSHOTS = (0, 1200, 2400, 3600, 4800, 7200, 8000)
+
+_ALPHA_START, _ALPHA_END, _ALPHA_CONSTANT = 0.3, 0.02, 0.1
+_GAMMA_POSTURE = 40.0 * (8 / 21) ** 2
+
+
+@dataclass(frozen=True)
+class BodyImage:
+    """What a robot learned of its own body by touching it.
+
+    Attributes:
+        tactile_map: (rows, columns, m) image of each taxel [m on the screen].
+        postures: (posture rows, posture columns, p) representative postures [rad or m].
+        posture_map: (posture rows, posture columns, m) image of each of them [m on the screen].
+        touch_counts: (rows * columns,) touches that taught something, by touched taxel.
+        history: ``steps`` (snapshots,), map steps done, the last one always included; ``tactile_maps``
+            (snapshots, rows, columns, m) and ``posture_maps`` (snapshots, posture rows, posture columns, m) [m].
+        config: Every setting, by name; numbers, strings and lists.
+    """
+
+    tactile_map: Float[np.ndarray, "rows columns m"]
+    postures: Float[np.ndarray, "posture_rows posture_columns p"]
+    posture_map: Float[np.ndarray, "posture_rows posture_columns m"]
+    touch_counts: Int[np.ndarray, " taxels"]
+    history: dict[str, np.ndarray]
+    config: dict[str, Any]
+
+    @classmethod
+    def learn(
+        cls,
+        exp: Any,
+        hand: Any,
+        trial: int = 0,
+        grid: Any = (21, 21),
+        seed: int = 0,
+        *,
+        kernel: str = "squared",
+        gamma: float = 40.0,
+        gamma_posture: float | None = None,
+        alpha: str = "geometric",
+        gamma_final: float | None = None,
+        silence: float = 0.2,
+        silence_mode: str = "touch",
+        posture_grid: Any = (8, 8),
+        snapshots: Any = SNAPSHOTS,
+        initial_map: Any = None,
+        image_range: Any = None,
+        posture_som: PostureSOM | None = None,
+    ) -> BodyImage:
+        """Learn both maps from one trial, one step a sample: ``w_i += alpha(t) h(d_ic) (hand - w_i)``.
+
+        A sample without touch, one whose hand is NaN and a silent one count as steps and teach nothing; padded samples
+        are no steps. Initial weights, silence and posture map have random streams of their own.
+
+        Args:
+            exp: Experience: ``q`` (trial, time, joint) [rad or m], NaN where padded; ``taxel`` (trial, time), -1 none;
+                ``hand_image`` (trial, time, axis) [m], which only bounds the initial weights.
+            hand: Hand image to learn from [m on the screen], (trial, time, axis): an array or a DataArray.
+            trial: Which trial.
+            grid: (rows, columns) of taxels.
+            seed: Of everything random here.
+            kernel: h: ``"squared"`` exp(-d^2 / gamma) (equation 16) or ``"plain"`` exp(-d / gamma) (13, 15), d in grid
+                units.
+            gamma: Width of the tactile map's kernel.
+            gamma_posture: Width of the posture map's; by default 40 (8/21)^2.
+            alpha: ``"geometric"`` from 0.3 at the first step to 0.02 at the last, ``"constant"`` 0.1, or
+                ``"per_visit"``, one over the visits that the winner has had.
+            gamma_final: Anneal gamma geometrically to this value at the last step, gamma_posture by the same factor.
+            silence: Probability that sensors say nothing.
+            silence_mode: ``"touch"``: a whole touch goes unnoticed. ``"taxel"``: every taxel is silent by itself at
+                every step and then does not learn; the others and the posture map still feel the touch.
+            posture_grid: (rows, columns) of the posture map.
+            snapshots: Steps at which the history keeps the maps; those beyond the recording are dropped.
+            initial_map: (rows, columns, m) tactile map at step 0 [m]; by default uniform over the image range.
+            image_range: (m, 2) lowest and highest of each axis [m]; by default that of the experienced hand image,
+                or of ``hand`` when no hand was ever seen.
+            posture_som: A trained posture map; by default one is trained on the trial's touching postures.
+
+        Raises:
+            InvalidRecording: A variable or trial is missing, no samples, no touches, or a taxel outside the grid.
+            InvalidArray: ``hand``, ``initial_map`` or ``image_range`` has the wrong shape.
+            InvalidConfig: A setting out of its range; lists the valid ones.
+        """
+        shape, posture_shape = grid_shape("grid", grid), grid_shape("posture_grid", posture_grid)
+        gamma_posture = _GAMMA_POSTURE if gamma_posture is None else gamma_posture
+        choice("kernel", kernel, KERNELS)
+        choice("alpha", alpha, ALPHAS)
+        choice("silence_mode", silence_mode, SILENCE_MODES)
+        silence = number("silence", silence, 0.0, 1.0)
+        widths = {"gamma": gamma, "gamma_posture": gamma_posture, "gamma_final": gamma_final}
+        for field, value in widths.items():
+            if value is not None:
+                number(field, value, 0.0, open_below=True)
+        whole("seed", seed, 0)
+
+        q, taxels, target = touches(exp, hand, trial, shape)
+        steps, m = target.shape
+        kept = _snapshots(snapshots, steps)
+        if not (taxels >= 0).any():
+            raise InvalidRecording(f"trial {trial} has no touches, so there is nothing to map")
+        weights_stream, silence_stream, som_stream = np.random.SeedSequence(seed).spawn(3)
+        draw = np.random.default_rng(weights_stream)
+        lowest, highest = image_bounds(exp, hand, m, image_range).T
+        initial = draw.uniform(lowest, highest, (*shape, m))
+        if initial_map is not None:
+            initial = float_array("initial_map", initial_map, (*shape, m))
+        initial_posture = draw.uniform(lowest, highest, (*posture_shape, m))
+
+        if posture_som is None:
+            posture_som = PostureSOM.fit(q[taxels >= 0], posture_shape, int(som_stream.generate_state(1)[0]))
+        elif posture_som.postures.shape[:2] != posture_shape:
+            raise InvalidConfig(
+                f"posture_grid={posture_shape} but posture_som is {posture_som.postures.shape[:2]}; give the same"
+            )
+
+        random = np.random.default_rng(silence_stream)
+        winners = np.where(np.isfinite(target).all(axis=1), taxels, -1)
+        speaking = None
+        if silence_mode == "touch":
+            winners[random.random(steps) < silence] = -1
+        else:
+            speaking = random.random((steps, *shape), dtype=np.float32) >= silence
+        taught = winners >= 0
+        posture_winners = np.full(steps, -1)
+        posture_winners[taught] = posture_som.winners(q[taught])
+
+        decay = 1.0 if gamma_final is None else gamma_final / gamma
+        progress = np.arange(steps) / max(steps - 1, 1)
+        tactile_maps = _learn_map(
+            initial, winners, target, _rates(alpha, progress, winners), gamma * decay**progress,
+            exponents(shape, kernel), speaking, kept,
+        )  # fmt: skip
+        posture_maps = _learn_map(
+            initial_posture, posture_winners, target, _rates(alpha, progress, posture_winners),
+            gamma_posture * decay**progress, exponents(posture_shape, kernel), None, kept,
+        )  # fmt: skip
+        return cls(
+            tactile_map=tactile_maps[-1],
+            postures=posture_som.postures,
+            posture_map=posture_maps[-1],
+            touch_counts=np.bincount(winners[taught], minlength=shape[0] * shape[1]),
+            history={"steps": np.array(kept), "tactile_maps": tactile_maps, "posture_maps": posture_maps},
+            config={
+                "trial": trial, "grid": list(shape), "seed": seed, "kernel": kernel, **widths,
+                "gamma_posture": gamma_posture, "alpha": alpha, "silence": silence, "silence_mode": silence_mode,
+                "posture_grid": list(posture_shape), "image_range": np.stack([lowest, highest], axis=1).tolist(),
+                "initial_map": "random" if initial_map is None else "given",
+            },
+        )  # fmt: skip
+
+
+def touches(
+    exp: Any, hand: Any, trial: int, grid: tuple[int, int]
+) -> tuple[Float[np.ndarray, "steps p"], Int[np.ndarray, " steps"], Float[np.ndarray, "steps m"]]:
+    """Posture, touched taxel (-1 none) and hand image of every sample of a trial that is not padded.
+
+    Args:
+        exp: Experience, as for `BodyImage.learn`.
+        hand: (trial, time, axis) [m].
+        trial: Which trial.
+        grid: (rows, columns) of taxels.
+
+    Raises:
+        InvalidRecording: A variable or the trial is missing, no samples, or a taxel outside the grid.
+        InvalidArray: ``hand`` does not match the recording.
+    """
+    q = postures(exp)
+    trial = whole("trial", trial, 0, len(q))
+    target = hand_array(hand, q.shape[:2])[trial]
+    taxels = variable(exp, "taxel", "trial", "time")[trial]
+    felt = np.isfinite(q[trial]).all(axis=1)
+    if not felt.any():
+        raise InvalidRecording(f"trial {trial} has no samples: not one posture q is finite")
+    taxels = taxels[felt].astype(np.int64)
+    if taxels.max() >= grid[0] * grid[1]:
+        raise InvalidRecording(f"taxel {taxels.max()} was touched, but a {grid} grid ends at {grid[0] * grid[1] - 1}")
+    return q[trial][felt], taxels, target[felt]
+
+
+def hand_array(hand: Any, samples: tuple[int, ...]) -> Float[np.ndarray, "trial time m"]:
+    """Return a hand image as (trial, time, m) [m], whatever it came as.
+
+    Raises:
+        InvalidArray: Not floats, or not one image for each of the ``samples`` (trial, time).
+    """
+    if isinstance(hand, xr.DataArray):
+        if set(hand.dims) != {"trial", "time", "axis"}:
+            raise InvalidArray(f"hand has dimensions {hand.dims}; they must be ('trial', 'time', 'axis')")
+        hand = hand.transpose("trial", "time", "axis").to_numpy()
+    m = np.shape(hand)[-1] if np.ndim(hand) == 3 else 2
+    return float_array("hand", hand, (*samples, m))
+
+
+def image_bounds(exp: Any, hand: Any, m: int, image_range: Any = None) -> Float[np.ndarray, "m 2"]:
+    """Lowest and highest hand image of each axis [m]: as given, else experienced, else estimated.
+
+    Raises:
+        InvalidRecording: None of them is known.
+        InvalidArray: ``image_range`` is not (m, 2), or not finite and in order.
+    """
+    if image_range is not None:
+        bounds = float_array("image_range", image_range, (m, 2))
+        if not (np.isfinite(bounds).all() and (bounds[:, 0] <= bounds[:, 1]).all()):
+            raise InvalidArray("image_range must be finite, (lowest, highest) for each axis")
+        return bounds
+    experienced = exp["hand_image"].transpose("trial", "time", "axis").to_numpy() if "hand_image" in exp else None
+    for images in (experienced, hand_array(hand, postures(exp).shape[:2])):
+        if images is not None and images.shape[-1] == m:
+            seen = images[np.isfinite(images).all(axis=-1)]
+            if len(seen):
+                return np.stack([seen.min(axis=0), seen.max(axis=0)], axis=1)
+    raise InvalidRecording("no hand image is finite, neither experienced nor estimated; give image_range")
+
+
+def _snapshots(snapshots: Any, steps: int) -> tuple[int, ...]:
+    given = {whole("snapshots", step, 0) for step in snapshots}
+    return tuple(sorted({step for step in given if step < steps} | {steps}))
+
+
+def _rates(
+    alpha: str, progress: Float[np.ndarray, " steps"], winners: Int[np.ndarray, " steps"]
+) -> Float[np.ndarray, " steps"]:
+    """Learning rate at each step."""
+    if alpha == "geometric":
+        return _ALPHA_START * (_ALPHA_END / _ALPHA_START) ** progress
+    rates = np.full(len(winners), _ALPHA_CONSTANT)
+    if alpha == "per_visit":
+        for unit in np.unique(winners[winners >= 0]):
+            visits = winners == unit
+            rates[visits] = 1.0 / np.arange(1, visits.sum() + 1)
+    return rates
+
+
+def _learn_map(
+    initial: Float[np.ndarray, "rows columns m"],
+    winners: Int[np.ndarray, " steps"],
+    targets: Float[np.ndarray, "steps m"],
+    rates: Float[np.ndarray, " steps"],
+    gammas: Float[np.ndarray, " steps"],
+    table: Float[np.ndarray, "row_offsets column_offsets"],
+    speaking: Bool[np.ndarray, "steps rows columns"] | None,
+    snapshots: tuple[int, ...],
+) -> Float[np.ndarray, "snapshots rows columns m"]:
+    """Every snapshot of a map that learns online, the winner being given (-1: the step teaches nothing).
+
+    ``table`` holds the kernel's exponents over grid offsets at gamma = 1; units not ``speaking`` do not learn.
+    """
+    rows, columns, m = initial.shape
+    # The coordinates come first, so that one kernel window broadcasts over contiguous memory.
+    weights = np.ascontiguousarray(np.moveaxis(initial, -1, 0))
+    pull, change = np.empty((rows, columns)), np.empty_like(weights)
+    history = np.empty((len(snapshots), rows, columns, m))
+    annealed = bool((gammas != gammas[0]).any())
+    if not annealed:
+        table = np.exp(table / gammas[0])
+    windows = [window((rows, columns), *divmod(unit, columns)) for unit in range(rows * columns)]
+    columns_of_targets = targets[:, :, None, None]
+    winner_list, rate_list, gamma_list = winners.tolist(), rates.tolist(), gammas.tolist()
+    done = 0
+    for index, stop in enumerate(snapshots):
+        for step in range(done, stop):
+            if winner_list[step] < 0:
+                continue
+            around = table[windows[winner_list[step]]]
+            if annealed:
+                np.divide(around, gamma_list[step], out=pull)
+                np.exp(pull, out=pull)
+                pull *= rate_list[step]
+            else:
+                np.multiply(around, rate_list[step], out=pull)
+            if speaking is not None:
+                pull *= speaking[step]
+            np.subtract(columns_of_targets[step], weights, out=change)
+            change *= pull
+            weights += change
+        history[index] = np.moveaxis(weights, 0, -1)
+        done = stop
+    return history
