@@ -7,12 +7,12 @@ change them (geometry, inertia, transmissions, simulators' settings) is passed o
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import Final, NoReturn, get_args
 from xml.parsers import expat
 
@@ -35,6 +35,18 @@ _READ_INSIDE: Final[dict[str, frozenset[str]]] = {
     "joint": frozenset({"origin", "axis", "limit", "mimic", "parent", "child"}),
 }
 """The children that are read, by the tag of their parent."""
+_READ_OF: Final[dict[str, frozenset[str]]] = {
+    "robot": frozenset({"name"}),
+    "link": frozenset({"name"}),
+    "joint": frozenset({"name", "type"}),
+    "origin": frozenset({"xyz", "rpy"}),
+    "axis": frozenset({"xyz"}),
+    "limit": frozenset({"lower", "upper"}),
+    "mimic": frozenset({"joint", "multiplier", "offset"}),
+    "parent": frozenset({"link"}),
+    "child": frozenset({"link"}),
+}
+"""The attributes that are read, by tag."""
 
 # What every parser of the field agrees on: Python's float would also take 1_0, nan and digits of other scripts.
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -126,35 +138,42 @@ class _Builder:
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._depth += 1
-        line = self._parser.CurrentLineNumber
         if self._depth > MAX_DEPTH:
+            line = self._parser.CurrentLineNumber
             raise InvalidURDF(f"elements are nested more than {MAX_DEPTH} deep", line=line)
         if self._depth > len(self._open) + 1:
             return  # inside something that is not read
         parent = self._open[-1] if self._open else None
-        read = _READ_INSIDE.get(parent.tag, frozenset()) if parent else frozenset({"robot"})
         title = parent.title if parent and parent.tag == "joint" else _title(tag, attributes)
+        element = _Element(tag, attributes, self._parser.CurrentLineNumber, title)
         if tag.startswith("xacro:"):
-            raise InvalidURDF(f"a leftover <{_shorten(tag)}>", element=title, line=line, remedy="expand it with xacro")
-        if tag not in read:
-            plain = tag.rpartition(":")[2].lower()
-            if plain in read:
-                problem = f"<{_shorten(tag)}> is not <{plain}>"
-                raise InvalidURDF(problem, element=title, line=line, remedy="URDF has no prefixes and no capitals")
-            if parent is None:
-                raise InvalidURDF(f"the root element is <{_shorten(tag)}>, not <robot>", line=line)
+            _refuse(element, f"a leftover <{_shorten(tag)}>", "expand the file with xacro")
+        read = _READ_INSIDE.get(parent.tag, frozenset()) if parent else frozenset({"robot"})
+        if tag in read:
+            self._keep(element, parent)
             return
-        element = _Element(tag, attributes, line, title)
-        if "xmlns" in attributes:
+        _refuse_misspelt(element, tag, read, "<{}>")
+        if parent is None:
+            _refuse(element, f"the root element is <{_shorten(tag)}>, not <robot>", "give a URDF")
+
+    def _keep(self, element: _Element, parent: _Element | None) -> None:
+        tag = element.tag
+        if "xmlns" in element.attributes:
             _refuse(element, f"a default namespace on <{tag}>", "remove xmlns=")
+        for key in element.attributes:
+            if key not in _READ_OF[tag] and not key.startswith("xmlns:"):
+                _refuse_misspelt(element, key, _READ_OF[tag], "{}=")
         if tag in self._counts:
             self._counts[tag] += 1
             most = MAX_JOINTS + (tag == "link")
             if self._counts[tag] > most:
-                _refuse(element, f"more than {most} {tag}s")
+                _refuse(element, f"the robot has more than {most} {tag}s")
         if parent is None:
             self.root = element
         else:
+            # Refused while reading, so that a joint never holds more than one part of each kind.
+            if parent.tag == "joint" and any(part.tag == tag for part in parent.children):
+                _refuse(element, f"a second <{tag}> in one joint", "keep one")
             parent.children.append(element)
         self._open.append(element)
 
@@ -187,34 +206,31 @@ def _joint(name: str, element: _Element) -> Joint:
     kind = _KINDS.get(kind_name)
     if kind is None:
         _refuse(element, f"joint type {_quote(kind_name)} is not supported", f"use one of {', '.join(_KINDS)}")
-    parts: dict[str, _Element] = {}
-    for part in element.children:
-        if parts.setdefault(part.tag, part) is not part:
-            _refuse(part, f"a second <{part.tag}> in one joint", "keep one")
+    parts = {part.tag: part for part in element.children}
     for tag in ("parent", "child"):
         if tag not in parts:
             _refuse(element, f"<{tag}> is missing", f'add <{tag} link="..."/>')
-    origin = parts.get("origin")
-    # A newer URDF may say the orientation as a quaternion; to pass over it would turn the link.
-    if origin and "quat_xyzw" in origin.attributes:
-        _refuse(origin, "<origin> with quat_xyzw is not supported", "write the orientation as rpy")
-    xyz = _vector(origin, "xyz") if origin else None
-    rpy = _vector(origin, "rpy") if origin else None
-    zero = (0.0, 0.0, 0.0)
-    joint = Joint(
-        name, kind, _required(parts["parent"], "link"), _required(parts["child"], "link"), xyz or zero, rpy or zero
-    )
+    parent, child = _required(parts["parent"], "link"), _required(parts["child"], "link")
+    xyz = rpy = (0.0, 0.0, 0.0)
+    if "origin" in parts:
+        xyz, rpy = _origin(parts["origin"])
     if kind == "fixed":
-        return joint
-    axis = _axis(parts.get("axis"))
+        return Joint(name, kind, parent, child, xyz, rpy)
+    axis = _axis(parts["axis"]) if "axis" in parts else (1.0, 0.0, 0.0)
     lower, upper = (-math.inf, math.inf) if kind == "continuous" else _limits(element, parts.get("limit"))
     mimic = _mimic(parts["mimic"]) if "mimic" in parts else None
-    return Joint(name, kind, joint.parent, joint.child, joint.xyz, joint.rpy, axis, lower, upper, mimic)
+    return Joint(name, kind, parent, child, xyz, rpy, axis, lower, upper, mimic)
 
 
-def _axis(element: _Element | None) -> Vector:
-    if element is None:
-        return (1.0, 0.0, 0.0)
+def _origin(element: _Element) -> tuple[Vector, Vector]:
+    # Newer URDF may give the orientation as a quaternion; to pass over it would turn the link.
+    if "quat_xyzw" in element.attributes:
+        _refuse(element, "<origin> with quat_xyzw is not supported", "write the orientation as rpy")
+    zero = (0.0, 0.0, 0.0)
+    return _vector(element, "xyz") or zero, _vector(element, "rpy") or zero
+
+
+def _axis(element: _Element) -> Vector:
     axis = _vector(element, "xyz")
     if axis is None:
         _refuse(element, "<axis> has no xyz", 'write <axis xyz="..."/>, or leave it out for x')
@@ -248,9 +264,9 @@ def _check_mimics(joints: Mapping[str, Joint], elements: Mapping[str, _Element])
     followed = {name: joint.mimic.joint for name, joint in joints.items() if joint.mimic}
     for name, source in followed.items():
         if source not in joints:
-            _refuse(elements[name], f"it mimics joint {_quote(source)}, which does not exist")
+            _refuse(elements[name], f"it mimics joint {_quote(source)}, which does not exist", _guess(source, joints))
         if source == name:
-            _refuse(elements[name], "it mimics itself")
+            _refuse(elements[name], "it mimics itself", "remove the <mimic> or name another joint")
         if joints[source].kind == "fixed":
             _refuse(elements[name], f"it mimics joint {_quote(source)}, which is fixed", "remove the <mimic>")
     cycle = _find_cycle(followed)
@@ -266,7 +282,7 @@ def _find_root(
     for name, joint in joints.items():
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
-                _refuse(elements[name], f"its {role} link {_quote(link)} does not exist")
+                _refuse(elements[name], f"its {role} link {_quote(link)} does not exist", _guess(link, links))
         first = above.setdefault(joint.child, joint)
         if first is not joint:
             problem = f"link {_quote(joint.child)} has two parents: it is also the child of joint {_quote(first.name)}"
@@ -306,9 +322,9 @@ def _attribute(element: _Element, key: str) -> str | None:
 def _required(element: _Element, key: str) -> str:
     value = _attribute(element, key)
     if value is None:
-        _refuse(element, f"<{element.tag}> has no {key}")
+        _refuse(element, f"<{element.tag}> has no {key}", f'write {key}="..."')
     if not value.strip():
-        _refuse(element, f"<{element.tag}> has an empty {key}")
+        _refuse(element, f"<{element.tag}> has an empty {key}", "fill it in")
     return value
 
 
@@ -327,24 +343,38 @@ def _numbers(element: _Element, key: str, count: int) -> list[float] | None:
     if text is None:
         return None
     place = f"<{element.tag}> {key}={_quote(text)}"
-    words = re.split(f"[{_SPACE}]+", text.strip(_SPACE))
+    words = re.split(f"[{_SPACE}]+", text.strip(_SPACE), maxsplit=count)
     if words == [""]:
         _refuse(element, f"{place} is empty", f"leave {key} out, or give {_amount(count)}")
     numbers = []
-    for word in words:
+    for word in words[:count]:
         if not _NUMBER.fullmatch(word):
             remedy = next((remedy for pattern, remedy in _REMEDIES if pattern.match(word)), "")
             _refuse(element, f"{place}: {_quote(word)} is not a number", remedy)
         numbers.append(float(word))
         if math.isinf(numbers[-1]):
             _refuse(element, f"{place}: {_quote(word)} is too large for a float64", "numbers must be finite")
-    if len(numbers) != count:
-        _refuse(element, f"{place} has {_amount(len(numbers))}", f"give {count}")
+    if len(words) != count:
+        given = f"more than {_amount(count)}" if len(words) > count else _amount(len(words))
+        _refuse(element, f"{place} has {given}", f"give {count}")
     return numbers
 
 
 def _refuse(element: _Element, problem: str, remedy: str = "") -> NoReturn:
     raise InvalidURDF(problem, element=element.title, line=element.line, remedy=remedy)
+
+
+def _refuse_misspelt(element: _Element, name: str, read: Iterable[str], form: str) -> None:
+    """Refuse a name that but for its prefix or its capitals would be read: to pass over it would change the robot."""
+    plain = name.rpartition(":")[2].lower()
+    if plain in read:
+        problem = f"{form.format(_shorten(name))} is not {form.format(plain)}"
+        _refuse(element, problem, "URDF knows no prefixes and no capitals here")
+
+
+def _guess(name: str, known: Iterable[str]) -> str:
+    matches = difflib.get_close_matches(_shorten(name), known, n=1)
+    return f"did you mean {_quote(matches[0])}?" if matches else "correct the name"
 
 
 def _title(tag: str, attributes: Mapping[str, str]) -> str:
@@ -360,11 +390,10 @@ def _quote(text: str) -> str:
     return repr(_shorten(text))
 
 
-def _list(names: Iterable[str]) -> str:
-    """Some of the names, quoted: enough to find the fault, and one line however many there are."""
-    names = list(names)
+def _list(names: Sequence[str]) -> str:
+    """The names, quoted; of many only the first, enough to find the fault."""
     more = f" and {len(names) - 10} more" if len(names) > 10 else ""
-    return ", ".join(_quote(name) for name in islice(names, 10)) + more
+    return ", ".join(_quote(name) for name in names[:10]) + more
 
 
 def _amount(count: int) -> str:
