@@ -59,7 +59,7 @@ def integrate(
 
     Returns:
         ``hand_estimate`` (trial, time, axis) [m on the screen]; NaN where padded and before the first reset (unless
-        ``initial`` is given). A gap in the postures makes it NaN until the next reset.
+        ``initial`` is given). A gap in the postures makes a running sum NaN until the next reset.
 
     Raises:
         InvalidConfig: An unknown reset or method, fewer than one substep, ``"posture_map"`` without one, ``"none"``

@@ -40,7 +40,7 @@ def window(grid: tuple[int, int], row: int, column: int) -> tuple[slice, slice]:
 
 
 def activation(
-    taxel: int, grid: Any = (21, 21), gamma: float = 40.0, kernel: str = "squared"
+    taxel: int, grid: Any = (21, 21), gamma: float | int = 40.0, kernel: str = "squared"
 ) -> Float[np.ndarray, "rows columns"]:
     """Activation of every taxel when one is touched (equation 16).
 
@@ -75,7 +75,7 @@ def kernel_matrix(grid: tuple[int, int], gamma: float, kernel: str) -> Float[np.
 
 
 def expected_map(
-    true_positions: Any, taxels: Any, grid: Any = (21, 21), gamma: float = 40.0, kernel: str = "squared"
+    true_positions: Any, taxels: Any, grid: Any = (21, 21), gamma: float | int = 40.0, kernel: str = "squared"
 ) -> Float[np.ndarray, "rows columns m"]:
     """Kernel average of the true positions over given touches: the map that perfect sight would end at.
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from bodyimage_kin.body_image._checks import choice, float_array, grid_shape, number, postures, variable, whole
+from bodyimage_kin.body_image._checks import choice, float_array, grid_shape, number, whole
+from bodyimage_kin.body_image._touches import image_bounds, images_known, silent, touches
 from bodyimage_kin.body_image.kernel import KERNELS, exponents, window
 from bodyimage_kin.body_image.posture_som import PostureSOM
-from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording
+from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 
 ALPHAS = ("geometric", "constant", "per_visit")
 SILENCE_MODES = ("touch", "taxel")
@@ -27,7 +27,7 @@ _ALPHA_START, _ALPHA_END, _ALPHA_CONSTANT = 0.3, 0.02, 0.1
 _GAMMA_POSTURE = 40.0 * (8 / 21) ** 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BodyImage:
     """What a robot learned of its own body by touching it.
 
@@ -58,11 +58,11 @@ class BodyImage:
         seed: int = 0,
         *,
         kernel: str = "squared",
-        gamma: float = 40.0,
-        gamma_posture: float | None = None,
+        gamma: float | int = 40.0,
+        gamma_posture: float | int | None = None,
         alpha: str = "geometric",
-        gamma_final: float | None = None,
-        silence: float = 0.2,
+        gamma_final: float | int | None = None,
+        silence: float | int = 0.2,
         silence_mode: str = "touch",
         posture_grid: Any = (8, 8),
         snapshots: Any = SNAPSHOTS,
@@ -100,9 +100,9 @@ class BodyImage:
             posture_som: A trained posture map; by default one is trained on the trial's touching postures.
 
         Raises:
-            InvalidRecording: A variable or trial is missing, no samples, no touches, or a taxel outside the grid.
+            InvalidRecording: A variable is missing, no samples, no touches, or a taxel outside the grid.
             InvalidArray: ``hand``, ``initial_map`` or ``image_range`` has the wrong shape.
-            InvalidConfig: A setting out of its range; lists the valid ones.
+            InvalidConfig: A setting out of its range, or no such trial; lists the valid ones.
         """
         shape, posture_shape = grid_shape("grid", grid), grid_shape("posture_grid", posture_grid)
         gamma_posture = _GAMMA_POSTURE if gamma_posture is None else gamma_posture
@@ -110,10 +110,10 @@ class BodyImage:
         choice("alpha", alpha, ALPHAS)
         choice("silence_mode", silence_mode, SILENCE_MODES)
         silence = number("silence", silence, 0.0, 1.0)
-        widths = {"gamma": gamma, "gamma_posture": gamma_posture, "gamma_final": gamma_final}
-        for field, value in widths.items():
-            if value is not None:
-                number(field, value, 0.0, open_below=True)
+        gamma = number("gamma", gamma, 0.0, open_below=True)
+        gamma_posture = number("gamma_posture", gamma_posture, 0.0, open_below=True)
+        if gamma_final is not None:
+            gamma_final = number("gamma_final", gamma_final, 0.0, open_below=True)
         whole("seed", seed, 0)
 
         q, taxels, target = touches(exp, hand, trial, shape)
@@ -123,12 +123,13 @@ class BodyImage:
             raise InvalidRecording(f"trial {trial} has no touches, so there is nothing to map")
         weights_stream, silence_stream, som_stream = np.random.SeedSequence(seed).spawn(3)
         draw = np.random.default_rng(weights_stream)
-        lowest, highest = image_bounds(exp, hand, m, image_range).T
+        lowest, highest = image_bounds(images_known(exp, hand), m, image_range).T
         initial = draw.uniform(lowest, highest, (*shape, m))
         if initial_map is not None:
             initial = float_array("initial_map", initial_map, (*shape, m))
         initial_posture = draw.uniform(lowest, highest, (*posture_shape, m))
 
+        given_som = posture_som is not None
         if posture_som is None:
             posture_som = PostureSOM.fit(q[taxels >= 0], posture_shape, int(som_stream.generate_state(1)[0]))
         elif posture_som.postures.shape[:2] != posture_shape:
@@ -136,13 +137,13 @@ class BodyImage:
                 f"posture_grid={posture_shape} but posture_som is {posture_som.postures.shape[:2]}; give the same"
             )
 
-        random = np.random.default_rng(silence_stream)
         winners = np.where(np.isfinite(target).all(axis=1), taxels, -1)
         speaking = None
         if silence_mode == "touch":
-            winners[random.random(steps) < silence] = -1
+            winners[silent(steps, silence, silence_stream)] = -1
         else:
-            speaking = random.random((steps, *shape), dtype=np.float32) >= silence
+            draws = np.random.default_rng(silence_stream).random((steps, *shape), dtype=np.float32)
+            speaking = draws >= silence
         taught = winners >= 0
         posture_winners = np.full(steps, -1)
         posture_winners[taught] = posture_som.winners(q[taught])
@@ -164,75 +165,14 @@ class BodyImage:
             touch_counts=np.bincount(winners[taught], minlength=shape[0] * shape[1]),
             history={"steps": np.array(kept), "tactile_maps": tactile_maps, "posture_maps": posture_maps},
             config={
-                "trial": trial, "grid": list(shape), "seed": seed, "kernel": kernel, **widths,
-                "gamma_posture": gamma_posture, "alpha": alpha, "silence": silence, "silence_mode": silence_mode,
-                "posture_grid": list(posture_shape), "image_range": np.stack([lowest, highest], axis=1).tolist(),
+                "trial": trial, "grid": list(shape), "seed": seed, "kernel": kernel, "gamma": gamma,
+                "gamma_posture": gamma_posture, "gamma_final": gamma_final, "alpha": alpha, "silence": silence,
+                "silence_mode": silence_mode, "posture_grid": list(posture_shape),
+                "image_range": np.stack([lowest, highest], axis=1).tolist(),
                 "initial_map": "random" if initial_map is None else "given",
+                "posture_som": "given" if given_som else "trained",
             },
         )  # fmt: skip
-
-
-def touches(
-    exp: Any, hand: Any, trial: int, grid: tuple[int, int]
-) -> tuple[Float[np.ndarray, "steps p"], Int[np.ndarray, " steps"], Float[np.ndarray, "steps m"]]:
-    """Posture, touched taxel (-1 none) and hand image of every sample of a trial that is not padded.
-
-    Args:
-        exp: Experience, as for `BodyImage.learn`.
-        hand: (trial, time, axis) [m].
-        trial: Which trial.
-        grid: (rows, columns) of taxels.
-
-    Raises:
-        InvalidRecording: A variable or the trial is missing, no samples, or a taxel outside the grid.
-        InvalidArray: ``hand`` does not match the recording.
-    """
-    q = postures(exp)
-    trial = whole("trial", trial, 0, len(q))
-    target = hand_array(hand, q.shape[:2])[trial]
-    taxels = variable(exp, "taxel", "trial", "time")[trial]
-    felt = np.isfinite(q[trial]).all(axis=1)
-    if not felt.any():
-        raise InvalidRecording(f"trial {trial} has no samples: not one posture q is finite")
-    taxels = taxels[felt].astype(np.int64)
-    if taxels.max() >= grid[0] * grid[1]:
-        raise InvalidRecording(f"taxel {taxels.max()} was touched, but a {grid} grid ends at {grid[0] * grid[1] - 1}")
-    return q[trial][felt], taxels, target[felt]
-
-
-def hand_array(hand: Any, samples: tuple[int, ...]) -> Float[np.ndarray, "trial time m"]:
-    """Return a hand image as (trial, time, m) [m], whatever it came as.
-
-    Raises:
-        InvalidArray: Not floats, or not one image for each of the ``samples`` (trial, time).
-    """
-    if isinstance(hand, xr.DataArray):
-        if set(hand.dims) != {"trial", "time", "axis"}:
-            raise InvalidArray(f"hand has dimensions {hand.dims}; they must be ('trial', 'time', 'axis')")
-        hand = hand.transpose("trial", "time", "axis").to_numpy()
-    m = np.shape(hand)[-1] if np.ndim(hand) == 3 else 2
-    return float_array("hand", hand, (*samples, m))
-
-
-def image_bounds(exp: Any, hand: Any, m: int, image_range: Any = None) -> Float[np.ndarray, "m 2"]:
-    """Lowest and highest hand image of each axis [m]: as given, else experienced, else estimated.
-
-    Raises:
-        InvalidRecording: None of them is known.
-        InvalidArray: ``image_range`` is not (m, 2), or not finite and in order.
-    """
-    if image_range is not None:
-        bounds = float_array("image_range", image_range, (m, 2))
-        if not (np.isfinite(bounds).all() and (bounds[:, 0] <= bounds[:, 1]).all()):
-            raise InvalidArray("image_range must be finite, (lowest, highest) for each axis")
-        return bounds
-    experienced = exp["hand_image"].transpose("trial", "time", "axis").to_numpy() if "hand_image" in exp else None
-    for images in (experienced, hand_array(hand, postures(exp).shape[:2])):
-        if images is not None and images.shape[-1] == m:
-            seen = images[np.isfinite(images).all(axis=-1)]
-            if len(seen):
-                return np.stack([seen.min(axis=0), seen.max(axis=0)], axis=1)
-    raise InvalidRecording("no hand image is finite, neither experienced nor estimated; give image_range")
 
 
 def _snapshots(snapshots: Any, steps: int) -> tuple[int, ...]:

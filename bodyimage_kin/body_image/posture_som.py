@@ -14,7 +14,7 @@ from bodyimage_kin.errors import InvalidArray, InvalidRecording
 _UPDATES_PER_UNIT = 100
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PostureSOM:
     """A grid of representative postures.
 
