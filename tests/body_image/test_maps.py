@@ -78,9 +78,10 @@ def test_learning_rates_by_hand():
 def test_annealing_by_hand():
     body = small(
         experience([0, 0, 0]), np.ones((1, 3, 2)), alpha="constant", gamma=4.0, gamma_final=1.0,
-        initial_map=np.zeros((2, 2, 2)),
+        initial_map=np.zeros((2, 2, 2)), snapshots=range(3),
     )  # fmt: skip
-    assert 1 - body.tactile_map[0, 1, 0] == pytest.approx(np.prod([1 - 0.1 * np.exp(-1 / g) for g in (4.0, 2.0, 1.0)]))
+    remaining = np.cumprod([1.0, *(1 - 0.1 * np.exp(-1 / gamma) for gamma in (4.0, 2.0, 1.0))])
+    np.testing.assert_allclose(1 - body.history["tactile_maps"][:, 0, 1, 0], remaining, rtol=1e-14)
 
 
 def test_the_kernel_alone_shrinks_the_map_and_perfect_sight_learns_that_map(sight):
@@ -154,8 +155,8 @@ def test_padded_samples_are_no_steps_and_change_nothing():
     rng = np.random.default_rng(0)
     taxels, q, hand = rng.integers(0, 4, (1, 9)), rng.normal(size=(1, 9, 3)), rng.random((1, 9, 2))
     short = small(experience(taxels, q), hand)
-    taxels, hand = np.pad(taxels, ((0, 1), (0, 3)), constant_values=-1), np.pad(hand, ((0, 1), (0, 3), (0, 0)))
-    q = np.pad(q, ((0, 1), (0, 3), (0, 0)), constant_values=np.nan)
+    taxels, hand = np.pad(taxels, ((0, 1), (2, 3)), constant_values=-1), np.pad(hand, ((0, 1), (2, 3), (0, 0)))
+    q = np.pad(q, ((0, 1), (2, 3), (0, 0)), constant_values=np.nan)
     padded = small(experience(taxels, q), hand)
     np.testing.assert_array_equal(padded.history["steps"], [0, 9])
     np.testing.assert_array_equal(padded.tactile_map, short.tactile_map)
@@ -329,3 +330,11 @@ def test_refuses_recordings_and_arrays():
         PostureSOM.fit(np.full((3, 2), np.nan))
     with pytest.raises(InvalidArray, match="3 joints, the posture map 2"):
         PostureSOM.fit(np.random.default_rng(0).random((5, 2)), (2, 2)).winners(np.zeros((1, 3)))
+
+
+def test_a_trial_is_learned_as_if_it_were_alone():
+    rng = np.random.default_rng(0)
+    exp, hand = experience(rng.integers(0, 4, (2, 9)), rng.normal(size=(2, 9, 3))), rng.random((2, 9, 2))
+    second, alone = small(exp, hand, trial=1), small(exp.isel(trial=[1]), hand[1:])
+    for name in ("tactile_map", "postures", "posture_map", "touch_counts"):
+        np.testing.assert_array_equal(getattr(second, name), getattr(alone, name))
