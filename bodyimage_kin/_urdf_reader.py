@@ -289,7 +289,7 @@ def _find_root(
             _refuse(elements[name], problem, "a link hangs from one joint only")
     cycle = _find_cycle({child: joint.parent for child, joint in above.items()})
     if cycle:
-        names = [above[link].name for link in cycle]
+        names = [above[link].name for link in (cycle[0], *cycle[:0:-1])]  # from parent to child
         _refuse(elements[names[0]], f"joints form a cycle: {_list(names)}", "a robot is a tree: cut the loop")
     roots = [link for link in links if link not in above]
     if len(roots) > 1:
