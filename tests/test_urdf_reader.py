@@ -255,43 +255,54 @@ def test_the_limits_themselves_are_allowed():
 
 PIECES = [
     *(b"<", b">", b'"', b"'", b"&", b"/", b"=", b" ", b"\0", b"\xff", b"\xc3", b"\xef\xbb\xbf", b"]]>", b"&#55;"),
-    *(b"nan", b"inf", b"1e999", b"0x1", b"1_0", b"-", b"9" * 400, b"${x}", b"xacro:", b"u:", b' xmlns="u"', b"utf-16"),
     *(b"<!--", b"-->", b"<![CDATA[", b"<?x ?>", b"<!DOCTYPE robot>", b"<joint>", b"</joint>", b'<link name="a"/>'),
-    *(b"<axis/>", b"<origin/>", b"<limit/>", b'<mimic joint="grip"/>', b"fixed", b"continuous", b"planar", b"base"),
+    *(b"<axis/>", b"<origin/>", b"<limit/>", b'<mimic joint="grip"/>', b"xacro:", b"u:", b' xmlns="u"', b"utf-16"),
 ]  # fmt: skip
-ATTRIBUTES = re.compile(rb'(\w+)="([^"]*)"')
+VALUES = [
+    *(b"", b" ", b"nan", b"-inf", b"1e999", b"0x1", b"1_0", b"1,5", b"9" * 400, b"0 0 0", b"-1e-300 0 0"),
+    *(b"1e308 1e308 0", b"${x}", b"fixed", b"continuous", b"prismatic", b"revolute", b"planar", b"base", b"tip", b"grip", b"spin"),
+]  # fmt: skip
+ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
 
 
-def _swap_attributes(data: bytes, first: int, second: int, group: int) -> bytes:
-    """Exchange the names (group 1) or the values (group 2) of two attributes."""
-    found = list(ATTRIBUTES.finditer(data))
-    if not found:
-        return data
-    left, right = sorted((found[first % len(found)], found[second % len(found)]), key=lambda match: match.start())
-    if left is right:
-        return data
-    (a, b), (c, d) = left.span(group), right.span(group)
-    return data[:a] + data[c:d] + data[b:c] + data[a:b] + data[d:]
+def _swap(data: bytes, one: tuple[int, int], other: tuple[int, int]) -> bytes:
+    """Exchange two stretches, or nothing if they overlap."""
+    (a, b), (c, d) = sorted((one, other))
+    return data[:a] + data[c:d] + data[b:c] + data[a:b] + data[d:] if b <= c else data
 
 
 @st.composite
 def spoilt_urdfs(draw: st.DrawFn) -> bytes:
-    """The good file after one to six accidents: bytes flipped, deleted, inserted, repeated, attributes swapped."""
+    """The good file after accidents to lines and attributes (mostly still XML), in half the cases to bytes too."""
     data = GOOD.encode()
-    place = st.integers(0, 4000)
+    whole = draw(st.booleans())
     for _ in range(draw(st.integers(1, 6))):
-        start, length = draw(place) % (len(data) + 1), draw(st.integers(1, 40))
-        match draw(st.integers(0, 5)):
-            case 0:
-                data = data[:start] + bytes([draw(st.integers(0, 255))]) + data[start + 1 :]
-            case 1:
-                data = data[:start] + data[start + length :]
+        # Small numbers are the commonest draw: they shall mean the middle of the file, not the declaration.
+        start, other = ((draw(st.integers(0, 4000)) + len(data) // 2) % (len(data) + 1) for _ in range(2))
+        length = draw(st.integers(1, 40))
+        attributes = list(ATTRIBUTE.finditer(data)) or [re.match(b"()()", data)]
+        left, right = attributes[start % len(attributes)], attributes[other % len(attributes)]
+        lines = data.splitlines(keepends=True) or [b""]
+        line = start % len(lines)
+        match draw(st.integers(0, 5 if whole else 9)):
+            case 0 | 1 as group:  # the names, or the values, of two attributes swapped
+                data = _swap(data, left.span(group + 1), right.span(group + 1))
             case 2:
-                data = data[:start] + draw(st.sampled_from(PIECES)) + data[start:]
+                data = data[: left.start(2)] + draw(st.sampled_from(VALUES)) + data[left.end(2) :]
             case 3:
-                data = data[:start] + data[start : start + 4 * length] + data[start:]
-            case swapped:
-                data = _swap_attributes(data, start, draw(place), swapped - 3)
+                data = data[: left.start()] + data[left.end() :]
+            case 4:
+                data = b"".join(lines[:line] + lines[line + 1 :])
+            case 5:
+                data = b"".join(lines[: line + 1] + lines[line:])
+            case 6:
+                data = data[:start] + bytes([draw(st.integers(0, 255))]) + data[start + 1 :]
+            case 7:
+                data = data[:start] + data[start + length :]
+            case 8:
+                data = data[:start] + draw(st.sampled_from(PIECES)) + data[start:]
+            case 9:
+                data = _swap(data, (start, start + length), (other, other + length))
     return data
 
 
