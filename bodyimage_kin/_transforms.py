@@ -37,7 +37,7 @@ def axis_angle_matrix(axis: Sequence[float], angle: float) -> Matrix3:
     """Rotation by ``angle`` [rad] about the unit vector ``axis`` (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
 
 
 def transform(rotation: Matrix3, translation: Sequence[float] | Float[np.ndarray, "3"]) -> Matrix4:

@@ -39,7 +39,9 @@ class UnknownName(BodyImageKinError):
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
         self.kind, self.name, self.valid = kind, name, tuple(valid)
         self.close_matches = tuple(difflib.get_close_matches(str(name), self.valid, n=3))
-        guess = f"did you mean {' or '.join(repr(match) for match in self.close_matches)}? " if self.close_matches else ""
+        guess = (
+            f"did you mean {' or '.join(repr(match) for match in self.close_matches)}? " if self.close_matches else ""
+        )
         super().__init__(f"no {kind} {name!r}; {guess}valid: {', '.join(self.valid) or '(none)'}")
 
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import sys
 from collections.abc import Mapping
+from types import ModuleType
 from typing import Any
 
 from bodyimage_kin.backends._protocol import Kinematics as Kinematics
@@ -77,3 +79,13 @@ def _load(name: str) -> Any:
         return getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as problem:
         raise InvalidConfig(f"cannot load backend {name!r}: {problem}; give 'package.module:Class'") from problem
+
+
+class _Callable(ModuleType):
+    """Importing this package puts it in the place of the function ``bodyimage_kin.backends``: so it can be called."""
+
+    def __call__(self) -> dict[str, str]:
+        return backends()
+
+
+sys.modules[__name__].__class__ = _Callable

@@ -112,9 +112,23 @@ class PoseAndJacobian(torch.autograd.Function):
     def vmap(info: Any, in_dims: Any, q: Tensor, path: Tensor, evaluate: Evaluate) -> Any:
         """A mapped axis is one more batch axis."""
         q = q.movedim(in_dims[0], 0)
-        pose, jacobian = PoseAndJacobian.apply(q.reshape(-1, q.shape[-1]), path, evaluate)
+        pose, jacobian = pose_and_jacobian(q.reshape(-1, q.shape[-1]), path, evaluate)
         batch = q.shape[:-1]
         return (pose.reshape(*batch, 4, 4), jacobian.reshape(*batch, *jacobian.shape[-2:])), (0, 0)
+
+
+def pose_and_jacobian(
+    q: Float[Tensor, "batch n"], path: Tensor, evaluate: Evaluate
+) -> tuple[Float[Tensor, "batch 4 4"], Float[Tensor, "batch 6 n"]]:
+    """The backend's pose and Jacobian, differentiable.
+
+    Args:
+        q: Postures.
+        path: Indices of the joints on the path to the link, root first.
+        evaluate: The backend.
+    """
+    pose, jacobian = PoseAndJacobian.apply(q, path, evaluate)  # type: ignore[no-untyped-call]
+    return pose, jacobian
 
 
 def _sum_from(terms: Float[Tensor, "*batch 3 p"]) -> Float[Tensor, "*batch 3 p"]:

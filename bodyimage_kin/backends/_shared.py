@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import torch
 from jaxtyping import Float
@@ -12,7 +11,7 @@ from torch import Tensor
 from bodyimage_kin._arrays import ArrayLike, as_postures, refuse_not_finite
 from bodyimage_kin.backends import _derivatives
 from bodyimage_kin.backends._protocol import Kinematics, moving_columns
-from bodyimage_kin.errors import InvalidConfig, UnknownName, UnsupportedDevice
+from bodyimage_kin.errors import InvalidConfig, UnsupportedDevice
 from bodyimage_kin.robot import Robot
 
 Reference = Literal["local_world_aligned", "local", "world"]
@@ -144,7 +143,7 @@ class RobotKinematics:
             pose, jacobian = self.backend.pose_and_jacobian(values.to(torch.float64).contiguous(), path.link)
             return pose.to(values.dtype), jacobian.to(values.dtype)
 
-        pose, jacobian = _derivatives.PoseAndJacobian.apply(flat, path.columns, evaluate)
+        pose, jacobian = _derivatives.pose_and_jacobian(flat, path.columns, evaluate)
         return pose.reshape(*batch, 4, 4), jacobian.reshape(*batch, 6, q.shape[-1])
 
     def _path(self, link: str) -> _Path:

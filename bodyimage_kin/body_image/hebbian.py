@@ -40,7 +40,7 @@ def hebbian_map(
     kernel: str = "plain",
     gamma: float | int | None = 40.0,
     alpha: float | int = 0.1,
-    silence: float | int = 0.2,
+    silence: float | int = 0.0,
     seed: int = 0,
     image_range: Any = None,
 ) -> HebbianMap:

@@ -62,7 +62,7 @@ class BodyImage:
         gamma_posture: float | int | None = None,
         alpha: str = "geometric",
         gamma_final: float | int | None = None,
-        silence: float | int = 0.2,
+        silence: float | int = 0.0,
         silence_mode: str = "touch",
         posture_grid: Any = (8, 8),
         snapshots: Any = SNAPSHOTS,
@@ -89,7 +89,7 @@ class BodyImage:
             alpha: ``"geometric"`` from 0.3 at the first step to 0.02 at the last, ``"constant"`` 0.1, or
                 ``"per_visit"``, one over the visits that the winner has had.
             gamma_final: Anneal gamma geometrically to this value at the last step, gamma_posture by the same factor.
-            silence: Probability that sensors say nothing.
+            silence: Probability that sensors say nothing, on top of the touches that the recording itself leaves silent.
             silence_mode: ``"touch"``: a whole touch goes unnoticed. ``"taxel"``: every taxel is silent by itself at
                 every step and then does not learn; the others and the posture map still feel the touch.
             posture_grid: (rows, columns) of the posture map.

@@ -1,0 +1,51 @@
+"""The truth in an estimator's clothes: what the pipeline makes of a Jacobian without any error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import xarray as xr
+from jaxtyping import Float
+from torch import Tensor
+
+from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
+
+
+@dataclass(frozen=True, eq=False)
+class AnalyticJacobian(LearnedJacobian):
+    """The embodiment's own image Jacobian."""
+
+    body: Embodiment
+
+    @property
+    def p(self) -> int:  # type: ignore[override]
+        """Number of felt joints."""
+        return self.body.p
+
+    @property
+    def m(self) -> int:  # type: ignore[override]
+        """Number of coordinates of a hand image."""
+        return self.body.m
+
+    def _displacement(self, q: Float[Tensor, "*batch p"], dq: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
+        return (self.body.hand_image_jacobian(q) @ dq[..., None])[..., 0]
+
+    def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
+        return torch.as_tensor(self.body.hand_image_jacobian(q))
+
+
+@dataclass(frozen=True, eq=False)
+class Analytic(Estimator):
+    """Knows the body: robot, hand and camera. Learns nothing.
+
+    Attributes:
+        body: The embodiment whose truth it knows.
+    """
+
+    body: Embodiment
+
+    def fit(self, exp: xr.Dataset, seed: int = 0) -> AnalyticJacobian:
+        """The analytic Jacobian, whatever the experience. See :meth:`Estimator.fit`."""
+        return AnalyticJacobian(self.body)

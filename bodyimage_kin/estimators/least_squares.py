@@ -1,0 +1,62 @@
+"""One constant Jacobian: the baseline that a network has to beat."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+import xarray as xr
+from jaxtyping import Float
+from torch import Tensor
+
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, pairs
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantJacobian(LearnedJacobian):
+    """The same Jacobian at every posture.
+
+    Attributes:
+        matrix: (m, p) [m/rad].
+    """
+
+    matrix: Float[Tensor, "m p"]
+
+    kind = "constant"
+
+    @property
+    def p(self) -> int:  # type: ignore[override]
+        """Number of felt joints."""
+        return self.matrix.shape[1]
+
+    @property
+    def m(self) -> int:  # type: ignore[override]
+        """Number of coordinates of a hand image."""
+        return self.matrix.shape[0]
+
+    def _displacement(self, q: Float[Tensor, "*batch p"], dq: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
+        return dq @ self.matrix.to(dq).T
+
+    def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
+        return self.matrix.to(q).expand(*q.shape[:-1], self.m, self.p).clone()
+
+    def arrays(self) -> Mapping[str, Tensor]:
+        """The matrix."""
+        return {"matrix": self.matrix}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> ConstantJacobian:
+        """The inverse of :meth:`arrays`."""
+        return cls(arrays["matrix"])
+
+
+@dataclass(frozen=True)
+class LeastSquares(Estimator):
+    """The constant Jacobian that minimises ``sum |dr - J dq|^2``; of all that do, the smallest (pseudoinverse)."""
+
+    def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
+        """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
+        data = pairs(exp)
+        solution = torch.linalg.lstsq(data.dq, data.dr, driver="gelsd").solution
+        return ConstantJacobian(solution.T.contiguous())
