@@ -189,7 +189,7 @@ def appearances(names: Iterable[str]) -> dict[str, Appearance]:
     return found
 
 
-def new_figure(width: float, height: float) -> Figure:
+def new_figure(width: float | int, height: float | int) -> Figure:
     """An empty figure of width x height [inch], laid out so that nothing overlaps, unknown to pyplot."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
@@ -222,7 +222,7 @@ def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Pat
             figure.draw_without_rendering()
             figure.set_layout_engine("none")
         svg, png = io.BytesIO(), io.BytesIO()
-        figure.savefig(svg, format="svg", dpi=300, metadata={"Date": None, "Creator": None})
+        figure.savefig(svg, format="svg", dpi=360, metadata={"Date": None, "Creator": None})
         figure.savefig(png, format="png", dpi=200, metadata={"Software": None})
     paths = folder / f"{name}.svg", folder / f"{name}.png"
     _replace(paths[0], _rounded(svg.getvalue()))
