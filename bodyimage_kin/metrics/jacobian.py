@@ -9,16 +9,16 @@ Undefined is NaN: a posture with a non-finite entry in J or Jh has NaN in every 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin.errors import InvalidArray, UnknownName
-from bodyimage_kin.metrics._inputs import ArrayInput, Floats, as_floats, as_pair, ratio, square_root
-
-_CHUNK = 1 << 16  # postures at a time, so that temporaries stay in the tens of megabytes
+from bodyimage_kin.metrics._inputs import ArrayInput, as_floats, as_pair, ratio, square_root
+from bodyimage_kin.metrics._postures import SCORES, chunks, per_posture
 
 
 def unit_metric(
@@ -88,43 +88,47 @@ def mean_gram(dq: ArrayInput, name: str) -> Float[np.ndarray, "p p"]:
     return np.asarray(motion.T @ motion / len(motion))
 
 
-def _chunks(true: Floats, estimated: Floats, root: Floats | None) -> Iterator[tuple[slice, Floats, Floats, Floats]]:
-    """Whitened pairs (postures, m, p), a bounded number at a time, and which are finite (the others become zero)."""
-    m, p = true.shape[-2:]
-    true, estimated = true.reshape(-1, m, p), estimated.reshape(-1, m, p)
-    for start in range(0, len(true), _CHUNK):
-        place = slice(start, start + _CHUNK)
-        J, Jh = true[place], estimated[place]
-        finite = np.isfinite(J).all((-1, -2)) & np.isfinite(Jh).all((-1, -2))
-        if not finite.all():
-            J, Jh = (np.where(finite[:, None, None], a, 0) for a in (J, Jh))
-        if root is not None:
-            J, Jh = ((a.reshape(-1, p) @ root).reshape(-1, m, p) for a in (J, Jh))
-        yield place, J, Jh, finite
+def jacobian_errors(
+    true: ArrayInput,
+    estimated: ArrayInput,
+    *,
+    metric: ArrayInput | None = None,
+    joints: Sequence[str] | None = None,
+    dims: Sequence[str] = ("posture",),
+) -> xr.Dataset:
+    """Every score of a learned Jacobian that is defined posture by posture.
 
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+        metric: Unit metric W, (p, p); the identity when None. Column scores are of the joints themselves, without it.
+        joints: Names of the p joints, the coordinate of ``joint``.
+        dims: Names of the batch axes; a batch of another number of axes is flattened when there is but one name.
 
-def _per_posture(
-    score: Callable[[Floats, Floats], Floats], true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None
-) -> Floats:
-    """``score`` of whitened (postures, m, p) pairs, in the batch shape of the Jacobians."""
-    J, Jh = as_pair(true, estimated, ("true", "estimated"), ndim=2)
-    root = None if metric is None else square_root(metric, J.shape[-1])
-    tail = score(np.zeros((0, *J.shape[-2:])), np.zeros((0, *J.shape[-2:]))).shape[1:]
-    result = np.empty((int(np.prod(J.shape[:-2])), *tail))
-    with np.errstate(all="ignore"):
-        for place, j, jh, finite in _chunks(J, Jh, root):
-            result[place] = score(j, jh)
-            result[place][~finite] = np.nan
-    return result.reshape(J.shape[:-2] + tail)
+    Returns:
+        One variable for each function of this module that has the same name, over ``dims`` and, where it has parts,
+        ``joint``, ``axis`` (of the image) or ``direction`` (singular directions, strongest first; angles ascending).
+        Each carries ``long_name``, ``units`` and ``source``.
 
-
-def _inner(A: Floats, B: Floats) -> Floats:
-    return np.asarray(np.einsum("nij,nij->n", A, B))
-
-
-def _relative_error(J: Floats, Jh: Floats) -> Floats:
-    E = Jh - J
-    return np.asarray(np.sqrt(ratio(_inner(E, E), _inner(J, J))))
+    Raises:
+        InvalidArray: Shapes that differ, a metric that is none, or names that do not fit the shape.
+    """
+    found = per_posture(list(SCORES), true, estimated, metric)
+    batch, p = found["relative_error"].shape, found["column_cosine"].shape[-1]
+    if joints is not None and len(joints) != p:
+        raise InvalidArray(f"{len(joints)} joint names for a Jacobian of {p} columns; name each column")
+    if len(dims) != len(batch) and len(dims) != 1:
+        raise InvalidArray(f"{len(dims)} dims for a batch of shape {batch}; name each axis, or give one to flatten")
+    shape = batch if len(dims) == len(batch) else (int(np.prod(batch)),)
+    variables = {
+        name: xr.Variable(
+            (*dims, *SCORES[name].dims),
+            values.reshape(shape + values.shape[len(batch) :]),
+            {"long_name": SCORES[name].long_name, "units": SCORES[name].units, "source": f"{__name__}.{name}"},
+        )
+        for name, values in found.items()
+    }
+    return xr.Dataset(variables, {} if joints is None else {"joint": list(joints)})
 
 
 def relative_error(
@@ -143,9 +147,162 @@ def relative_error(
     Raises:
         InvalidArray: Shapes that differ, or a metric that is none.
     """
-    return _per_posture(_relative_error, true, estimated, metric)
+    return per_posture(["relative_error"], true, estimated, metric)["relative_error"]
 
 
+def axis_relative_error(
+    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+) -> Float[np.ndarray, "*batch m"]:
+    """Relative error of each image axis (row), as :func:`relative_error`.
+
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+        metric: Unit metric W, (p, p); the identity when None.
+
+    Returns:
+        Dimensionless. NaN where the true row vanishes or an entry is not finite.
+
+    Raises:
+        InvalidArray: Shapes that differ, or a metric that is none.
+    """
+    return per_posture(["axis_relative_error"], true, estimated, metric)["axis_relative_error"]
+
+
+def scale_free_error(
+    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+) -> Float[np.ndarray, "*batch"]:
+    """Squared relative error left after the best scaling of the estimate, ``1 - <Jh, J>^2 / (|Jh|^2 |J|^2)``.
+
+    Blind to the depth a monocular learner cannot know, and to the sign of the whole Jacobian with it.
+
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+        metric: Unit metric W, (p, p); the identity when None.
+
+    Returns:
+        In [0, 1]. NaN where either Jacobian vanishes or an entry is not finite.
+
+    Raises:
+        InvalidArray: Shapes that differ, or a metric that is none.
+    """
+    return per_posture(["scale_free_error"], true, estimated, metric)["scale_free_error"]
+
+
+def column_cosine(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "*batch p"]:
+    """Cosine of the angle between the true and the estimated image motion of each joint.
+
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+
+    Returns:
+        In [-1, 1]. NaN where either column vanishes or an entry is not finite.
+
+    Raises:
+        InvalidArray: Shapes that differ.
+    """
+    return per_posture(["column_cosine"], true, estimated, None)["column_cosine"]
+
+
+def column_log_norm_ratio(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "*batch p"]:
+    """Natural logarithm of estimated over true size of each joint's image motion.
+
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+
+    Returns:
+        0 when equal, -inf for an estimated column of zero. NaN where the true column vanishes or an entry is not
+        finite.
+
+    Raises:
+        InvalidArray: Shapes that differ.
+    """
+    return per_posture(["column_log_norm_ratio"], true, estimated, None)["column_log_norm_ratio"]
+
+
+def singular_value_ratios(
+    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+) -> Float[np.ndarray, "*batch k"]:
+    """Estimated over true singular values of ``J W^1/2``, strongest first.
+
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+        metric: Unit metric W, (p, p); the identity when None.
+
+    Returns:
+        k = min(m, p) ratios, 0 for a direction the estimate has lost. NaN where the true one is zero or an entry is not
+        finite. Singular values below rounding (max(m, p) eps of the greatest) are zero.
+
+    Raises:
+        InvalidArray: Shapes that differ, or a metric that is none.
+    """
+    return per_posture(["singular_value_ratios"], true, estimated, metric)["singular_value_ratios"]
+
+
+def log_condition_difference(
+    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+) -> Float[np.ndarray, "*batch"]:
+    """Difference of log condition numbers, estimated minus true, of ``J W^1/2``.
+
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+        metric: Unit metric W, (p, p); the identity when None.
+
+    Returns:
+        Positive when the estimate is the worse conditioned, inf when it has lost rank. NaN where the true one is rank
+        deficient, the estimate zero, or an entry not finite.
+
+    Raises:
+        InvalidArray: Shapes that differ, or a metric that is none.
+    """
+    return per_posture(["log_condition_difference"], true, estimated, metric)["log_condition_difference"]
+
+
+def manipulability_ratio(
+    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+) -> Float[np.ndarray, "*batch"]:
+    """Estimated over true manipulability ``sqrt(det(J W J'))``, the product of the singular values.
+
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+        metric: Unit metric W, (p, p); the identity when None.
+
+    Returns:
+        0 for an estimate that has lost rank. NaN where the true one is rank deficient or an entry is not finite.
+
+    Raises:
+        InvalidArray: Shapes that differ, or a metric that is none.
+    """
+    return per_posture(["manipulability_ratio"], true, estimated, metric)["manipulability_ratio"]
+
+
+def row_space_angles(
+    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+) -> Float[np.ndarray, "*batch k"]:
+    """Principal angles between the row spaces of ``J W^1/2``, the joint motions that move the image at all.
+
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+        metric: Unit metric W, (p, p); the identity when None.
+
+    Returns:
+        k = min(m, p) angles in [0, pi/2] [rad], ascending. NaN where either is rank deficient (its row space is then
+        smaller) or an entry is not finite.
+
+    Raises:
+        InvalidArray: Shapes that differ, or a metric that is none.
+    """
+    return per_posture(["row_space_angles"], true, estimated, metric)["row_space_angles"]
+
+
+@np.errstate(all="ignore")
 def pooled_relative_error(true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None) -> float:
     """Relative error over all postures at once, ``sqrt(mean |E W^1/2|^2 / mean |J W^1/2|^2)``.
 
@@ -163,12 +320,37 @@ def pooled_relative_error(true: ArrayInput, estimated: ArrayInput, metric: Array
     J, Jh = as_pair(true, estimated, ("true", "estimated"), ndim=2)
     root = None if metric is None else square_root(metric, J.shape[-1])
     error = size = 0.0
-    with np.errstate(all="ignore"):
-        for _, j, jh, _ in _chunks(J, Jh, root):
-            error, size = error + float(((jh - j) ** 2).sum()), size + float((j**2).sum())
-        return float(np.sqrt(ratio(error, size)))
+    for _, pairs in chunks(J, Jh, root):
+        error, size = error + float(((pairs.Jh - pairs.J) ** 2).sum()), size + float((pairs.J**2).sum())
+    return float(np.sqrt(ratio(error, size)))
 
 
+@np.errstate(all="ignore")
+def pooled_scale_free_error(true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None) -> float:
+    """:func:`scale_free_error` with one scale for all postures, ``<A, B>`` being the mean of ``tr(A W B')`` over them.
+
+    Args:
+        true: (*batch, m, p) [m/rad].
+        estimated: The same shape.
+        metric: Unit metric W, (p, p); the identity when None.
+
+    Returns:
+        In [0, 1]. Postures with a non-finite entry are left out; NaN when none is left or either vanishes.
+
+    Raises:
+        InvalidArray: Shapes that differ, or a metric that is none.
+    """
+    J, Jh = as_pair(true, estimated, ("true", "estimated"), ndim=2)
+    root = None if metric is None else square_root(metric, J.shape[-1])
+    both = true_size = estimated_size = 0.0
+    for _, pairs in chunks(J, Jh, root):
+        both += float((pairs.J * pairs.Jh).sum())
+        true_size, estimated_size = true_size + float((pairs.J**2).sum()), estimated_size + float((pairs.Jh**2).sum())
+    error = 1 - ratio(both**2, true_size * estimated_size)
+    return float(error.clip(min=0))
+
+
+@np.errstate(all="ignore")
 def displacement_error(predicted: ArrayInput, true_displacement: ArrayInput) -> float:
     """Relative RMS error of predicted displacements over a motion, ``sqrt(mean |d - J dq|^2 / mean |J dq|^2)``.
 
@@ -187,5 +369,4 @@ def displacement_error(predicted: ArrayInput, true_displacement: ArrayInput) -> 
     """
     d, truth = as_pair(predicted, true_displacement, ("predicted", "true_displacement"), ndim=1)
     finite = np.isfinite(d).all(-1) & np.isfinite(truth).all(-1)
-    with np.errstate(all="ignore"):
-        return float(np.sqrt(ratio(((d[finite] - truth[finite]) ** 2).sum(), (truth[finite] ** 2).sum())))
+    return float(np.sqrt(ratio(((d[finite] - truth[finite]) ** 2).sum(), (truth[finite] ** 2).sum())))

@@ -6,10 +6,13 @@ The topological error alone is blind to a collapsed map, so :func:`scores` repor
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.spatial.distance
 from jaxtyping import Float
 
 from bodyimage_kin.errors import InvalidArray
@@ -171,3 +174,118 @@ def scores(map: ArrayInput, true: ArrayInput, weights: ArrayInput | None = None)
         "disparity": fit.disparity,
         "scale": fit.scale,
     }
+
+
+def landmark_relations(
+    map: ArrayInput, landmarks: Mapping[str, int], true: ArrayInput | None = None
+) -> dict[str, bool]:
+    """Which relations between landmarks (left of, above) a map keeps.
+
+    Args:
+        map: (rows, columns, 2) [m].
+        landmarks: The taxel of each landmark, ``{"left_eye": 150, ...}``, taxel = row * columns + column.
+        true: The true places, (rows, columns, 2) [m], that say which relations hold; the grid's own rows and columns
+            when None. Places closer along an axis than 1e-6 of the truth's extent have no relation on it.
+
+    Returns:
+        For each that truly holds, such as ``"left_eye above mouth"``, whether it holds in the map. Left is smaller x,
+        above smaller y; False where a place is NaN.
+
+    Raises:
+        InvalidArray: Shapes that differ, or a landmark off the grid.
+    """
+    places = _planar(map)
+    rows, columns = places.shape[:2]
+    reference = np.moveaxis(np.indices((rows, columns), dtype=np.float64)[::-1], 0, -1)
+    if true is not None:
+        reference, _ = as_pair(true, places, ("true", "map"), ndim=3)
+    for name, taxel in landmarks.items():
+        if not 0 <= taxel < rows * columns:
+            raise InvalidArray(f"landmark {name!r} is taxel {taxel}; the grid has 0 to {rows * columns - 1}")
+    places, reference = places.reshape(-1, 2), reference.reshape(-1, 2)
+    closest = 1e-6 * np.ptp(reference, axis=0)
+    return {
+        f"{first} {relation} {second}": bool(places[landmarks[first], axis] < places[landmarks[second], axis])
+        for axis, relation in enumerate(("left of", "above"))
+        for first, second in itertools.permutations(landmarks, 2)
+        if reference[landmarks[second], axis] - reference[landmarks[first], axis] > closest[axis]
+    }
+
+
+def permuted(map: ArrayInput, seed: int) -> Float[np.ndarray, "rows columns m"]:
+    """The map with its taxel labels shuffled, on which every score of order must return to chance.
+
+    Args:
+        map: (rows, columns, m) [m].
+        seed: Which shuffle.
+
+    Raises:
+        InvalidArray: Not a float array of three axes.
+    """
+    places = as_floats(map, "map", ndim=3)
+    if places.ndim != 3:
+        raise InvalidArray(f"map has shape {places.shape}; it must be (rows, columns, m)")
+    order = np.random.default_rng(seed).permutation(places.shape[0] * places.shape[1])
+    return places.reshape(-1, places.shape[-1])[order].reshape(places.shape)
+
+
+def _best_units(weights: ArrayInput, samples: ArrayInput) -> tuple[Any, Any, Floats, tuple[int, int]]:
+    """Nearest and second nearest unit of each finite sample, its distance to the nearest, and the grid's shape."""
+    units, points = as_floats(weights, "weights", ndim=3), as_floats(samples, "samples", ndim=1)
+    if units.ndim != 3 or units.shape[-1] != points.shape[-1]:
+        raise InvalidArray(
+            f"weights have shape {units.shape}, samples {points.shape}; give (rows, columns, d) and (*samples, d)"
+        )
+    grid, units = units.shape[:2], units.reshape(-1, units.shape[-1])
+    points = points.reshape(-1, units.shape[-1])
+    points = points[np.isfinite(points).all(-1)]
+    first, second = np.zeros((2, len(points)), dtype=np.int64)
+    distances = np.full(len(points), np.nan)
+    for start in range(0, len(points), 4096):
+        place = slice(start, start + 4096)
+        # Not by |x|^2 - 2 x w + |w|^2: its rounding would leave a sample on a unit some distance away from it.
+        distance = np.nan_to_num(scipy.spatial.distance.cdist(points[place], units), nan=np.inf)
+        first[place], distances[place] = distance.argmin(axis=1), distance.min(axis=1)
+        distance[np.arange(len(distance)), first[place]] = np.inf
+        second[place] = distance.argmin(axis=1)
+    return first, second, distances, (grid[0], grid[1])
+
+
+def quantization_error(weights: ArrayInput, samples: ArrayInput) -> float:
+    """Mean Euclidean distance of samples to their nearest unit of a self-organizing map.
+
+    Args:
+        weights: (rows, columns, d), in the units of the samples.
+        samples: (*samples, d); those that are not finite are left out.
+
+    Returns:
+        In the units of the samples; NaN when none is left.
+
+    Raises:
+        InvalidArray: Shapes that do not fit.
+    """
+    _, _, distances, _ = _best_units(weights, samples)
+    return float(distances.mean()) if len(distances) else float("nan")
+
+
+def topographic_error(weights: ArrayInput, samples: ArrayInput) -> float:
+    """Share of samples whose nearest and second nearest units are no neighbours on the grid.
+
+    The rule: each unit has 8 neighbours, diagonals included (other libraries count 4); of units equally near the one of
+    the lower index comes first.
+
+    Args:
+        weights: (rows, columns, d), in the units of the samples.
+        samples: (*samples, d); those that are not finite are left out.
+
+    Returns:
+        In [0, 1]; NaN when no sample is left or there is but one unit. A collapsed map scores 0: its ties are adjacent.
+
+    Raises:
+        InvalidArray: Shapes that do not fit.
+    """
+    first, second, _, (rows, columns) = _best_units(weights, samples)
+    if len(first) == 0 or rows * columns == 1:
+        return float("nan")
+    apart = np.maximum(np.abs(first // columns - second // columns), np.abs(first % columns - second % columns))
+    return float((apart > 1).mean())

@@ -18,6 +18,7 @@ def _finite_rows(true: ArrayInput, estimated: ArrayInput) -> tuple[Floats, Float
     return true[seen], estimated[seen]
 
 
+@np.errstate(all="ignore")
 def velocity_correlation(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "m"]:
     """Pearson correlation of estimated and true velocity along each image axis.
 
@@ -43,6 +44,7 @@ def velocity_correlation(true: ArrayInput, estimated: ArrayInput) -> Float[np.nd
     return np.where(varies, correlation.clip(-1, 1), np.nan)
 
 
+@np.errstate(all="ignore")
 def velocity_nrmse(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "m"]:
     """RMS error of the velocity along each image axis, over the range of the true velocity.
 
@@ -63,6 +65,7 @@ def velocity_nrmse(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray,
     return ratio(np.sqrt(((estimated - true) ** 2).mean(0)), np.ptp(true, axis=0))
 
 
+@np.errstate(all="ignore")
 def trajectory_rmse(true: ArrayInput, estimated: ArrayInput) -> float:
     """RMS distance between estimated and true position of the hand image.
 
@@ -80,6 +83,7 @@ def trajectory_rmse(true: ArrayInput, estimated: ArrayInput) -> float:
     return float(np.sqrt(((estimated - true) ** 2).sum(-1).mean())) if len(true) else float("nan")
 
 
+@np.errstate(all="ignore")
 def curl(jacobian_derivative: ArrayInput) -> Float[np.ndarray, "*batch m p p"]:
     """What keeps a Jacobian from being the derivative of any function: ``d_l J_ik - d_k J_il``.
 

@@ -130,3 +130,64 @@ def test_bad_inputs_are_named():
         metrics.span(TRUE, TRUE, np.ones(441))
     with pytest.raises(InvalidArray, match="not negative"):
         metrics.span(TRUE, TRUE, -np.ones((21, 21)))
+
+
+LANDMARKS = {"left_eye": 105, "right_eye": 115, "nose": 215, "mouth": 325}  # rows 5, 5, 10, 15; columns 0, 10, 5, 10
+
+
+def test_landmark_relations_are_those_of_the_truth():
+    found = metrics.landmark_relations(TRUE, LANDMARKS)
+    assert all(found.values())
+    assert "left_eye above nose" in found
+    assert "left_eye left of right_eye" in found
+    assert not {"left_eye above right_eye", "right_eye above left_eye", "nose above left_eye"} & set(found)
+    assert found == metrics.landmark_relations(TRUE, LANDMARKS, true=TRUE + 1e-12)
+
+
+def test_landmark_relations_that_a_map_loses():
+    mirrored = metrics.landmark_relations(MIRRORED, LANDMARKS)
+    assert not any(kept for relation, kept in mirrored.items() if "left of" in relation)
+    assert all(kept for relation, kept in mirrored.items() if "above" in relation)
+    assert not any(metrics.landmark_relations(0 * TRUE, LANDMARKS).values())
+    assert not any(metrics.landmark_relations(np.nan * TRUE, LANDMARKS).values())
+    with pytest.raises(InvalidArray, match="'nose' is taxel 441"):
+        metrics.landmark_relations(TRUE, {"nose": 441})
+
+
+def test_permuted_labels_return_to_chance():
+    found = [metrics.permuted(TRUE, seed) for seed in range(100)]
+    assert all(set(map(tuple, places.reshape(-1, 2))) == set(map(tuple, TRUE.reshape(-1, 2))) for places in found)
+    # A little below 320: places of one line tie, and a tie is in order.
+    assert np.mean([metrics.topological_error(places) for places in found]) == pytest.approx(312, abs=8)
+    assert np.abs(np.mean([metrics.span(places, TRUE) for places in found])) < 0.02
+    assert np.mean([metrics.procrustes(TRUE, places).disparity for places in found]) > 0.98
+    np.testing.assert_array_equal(metrics.permuted(TRUE, 3), found[3])
+
+
+def test_quantization_error_by_hand():
+    units = [[[0.0, 0.0], [3.0, 4.0]]]
+    assert metrics.quantization_error(units, [[0.0, 0.0], [3.0, 5.0], [np.nan, 0.0]]) == 0.5
+    assert metrics.quantization_error(1e8 + TRUE, 1e8 + TRUE.reshape(-1, 2)) == 0
+    assert np.isnan(metrics.quantization_error(units, np.full((2, 2), np.nan)))
+
+
+def test_topographic_error_by_hand():
+    line = np.array([[[0.0], [1.0], [2.0], [0.4]]])
+    # 0.1: units 0 and 3, apart; 1.1: 1 and 3, apart; 1.9: 2 and 1; 0.5: 3 and then 0 or 1, equally near, so 0: apart.
+    assert metrics.topographic_error(line, [[0.1], [1.9]]) == 0.5
+    assert metrics.topographic_error(line, [[0.1], [1.9], [1.1], [0.75]]) == 0.75
+
+
+def test_diagonal_units_are_neighbours():
+    square = np.array([[[0.0], [9.0]], [[9.0], [1.0]]])
+    assert metrics.topographic_error(square, [[0.4]]) == 0
+
+
+def test_topographic_error_at_its_ends():
+    samples = np.random.default_rng(0).uniform(0, 0.1, size=(5000, 2))
+    assert metrics.topographic_error(TRUE, samples) == 0
+    assert metrics.topographic_error(metrics.permuted(TRUE, 0), samples) > 0.9
+    assert metrics.topographic_error(0 * TRUE, samples) == 0
+    assert np.isnan(metrics.topographic_error([[[0.0]]], [[1.0]]))
+    with pytest.raises(InvalidArray, match=r"\(rows, columns, d\)"):
+        metrics.topographic_error(TRUE, samples[:, :1])
