@@ -189,6 +189,13 @@ def appearances(names: Iterable[str]) -> dict[str, Appearance]:
     return found
 
 
+def landmark(name: str) -> dict[str, Any]:
+    """How a landmark is drawn, as keyword arguments of a matplotlib line: a marker with a black edge."""
+    key = role(name)
+    colour, marker = COLOURS.get(key, "#7a7a7a"), MARKERS.get(key, "*")
+    return {"color": colour, "marker": marker, "markeredgecolor": "black", "markeredgewidth": 0.4, "linestyle": ""}
+
+
 def new_figure(width: float | int, height: float | int) -> Figure:
     """An empty figure of width x height [inch], laid out so that nothing overlaps, unknown to pyplot."""
     figure = Figure(figsize=(width, height), layout="constrained")

@@ -1,0 +1,361 @@
+"""The figures of a study, each a pure function from arrays to a matplotlib figure.
+
+What goes in is in SI units, as everywhere in this package; the axes show millimetres. Images are drawn as the eye
+sees them: x to the right, y down. Names of estimators and landmarks choose the look (``bodyimage_kin.report.style``).
+Nothing here computes a score, and nothing is written: that is ``style.save``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from bodyimage_kin.errors import InvalidArray, InvalidConfig
+from bodyimage_kin.report import style
+from bodyimage_kin.report._robot_figure import touching_face as touching_face
+
+ArrayLike: TypeAlias = Any
+"""Numpy arrays, xarray DataArrays or nested lists of numbers; their shapes are checked."""
+
+_MM = 1000.0
+_FAINT = "0.72"
+
+
+@style.style()
+def velocities(
+    time: ArrayLike,
+    true: ArrayLike,
+    estimates: Mapping[str, ArrayLike],
+    *,
+    conditions: Sequence[str] = (),
+) -> Figure:
+    """The velocity of the hand image over time, true and estimated, x above y (Fig. 8 of the paper).
+
+    Args:
+        time: (time,) [s].
+        true: (time, 2) [m/s], or (condition, time, 2) with NaN where a condition is shorter.
+        estimates: By name, shaped as ``true``.
+        conditions: Their titles, one a column of panels; empty when there is one and it needs none.
+
+    Returns:
+        A panel for each axis and condition, in [mm/s].
+
+    Raises:
+        InvalidArray: Shapes that do not fit together.
+    """
+    moments = _array(time, "time", None)
+    shape = (max(1, len(conditions)), len(moments), 2)
+    known = {"truth": true, **estimates}
+    curves = {name: _array(_at_least_3d(value), f"velocity of {name!r}", *shape) for name, value in known.items()}
+    figure = style.new_figure(style.SINGLE_COLUMN if shape[0] == 1 else style.DOUBLE_COLUMN, 3.0)
+    grid = figure.subplots(2, shape[0], sharex=True, sharey="row", squeeze=False)
+    for name, look in style.appearances(curves).items():
+        for column in range(shape[0]):
+            for row, axes in enumerate(grid[:, column]):
+                axes.plot(
+                    moments,
+                    curves[name][column, :, row] * _MM,
+                    color=look["color"],
+                    linestyle=look["linestyle"],
+                    linewidth=1.6 if name == "truth" else 1.0,
+                    label=style.label(name),
+                )
+    for row, axis in enumerate("xy"):
+        grid[row, 0].set_ylabel(f"{axis} velocity [mm/s]")
+    for axes in grid.flat:
+        axes.axhline(0, color=_FAINT, linewidth=0.5, zorder=0)
+        axes.margins(x=0.01)
+    for axes in grid[1]:
+        axes.set_xlabel("time [s]")
+    for axes, title in zip(grid[0], conditions, strict=False):
+        axes.set_title(title)
+    _letters(grid.T.flat)
+    _legend_above(figure, grid[0, 0].get_lines()[: len(curves)])
+    return figure
+
+
+@style.style()
+def trajectories(
+    true: ArrayLike,
+    estimates: Mapping[str, ArrayLike],
+    landmarks: Mapping[str, ArrayLike] | None = None,
+) -> Figure:
+    """The path of the hand image, true and estimated, with the landmarks where they truly are (Fig. 9 of the paper).
+
+    Args:
+        true: (time, 2) [m].
+        estimates: By name, (time, 2) [m].
+        landmarks: By name, (2,) [m].
+
+    Returns:
+        One panel of the image plane in [mm], y down, of equal aspect; each path begins at its large marker.
+
+    Raises:
+        InvalidArray: Shapes that do not fit together.
+    """
+    known = {"truth": true, **estimates}
+    paths = {name: _array(value, f"path of {name!r}", None, 2) * _MM for name, value in known.items()}
+    figure = style.new_figure(style.SINGLE_COLUMN, 3.6)
+    axes = figure.subplots()
+    handles = []
+    for name, look in style.appearances(paths).items():
+        path = paths[name]
+        width = 1.6 if name == "truth" else 1.0
+        # A marker every eighth of the way, so that a path can be followed where it is crossed, and in grey.
+        handles += axes.plot(
+            *path.T, **look, linewidth=width, markevery=max(1, len(path) // 8), label=style.label(name)
+        )
+        started = path[np.isfinite(path).all(1)][:1]
+        axes.plot(*started.T, marker=look["marker"], color=look["color"], markersize=7, linestyle="", alpha=0.6)
+    for name, place in (landmarks or {}).items():
+        x, y = _array(place, f"landmark {name!r}", 2) * _MM
+        handles += axes.plot(x, y, **style.landmark(name), markersize=8, label=style.label(name), zorder=5)
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+    axes.margins(0.08)
+    axes.invert_yaxis()
+    _legend_above(figure, handles)
+    return figure
+
+
+@style.style()
+def map_snapshots(
+    maps: ArrayLike | Mapping[str, ArrayLike],
+    steps: ArrayLike,
+    landmarks: Mapping[str, int] | None = None,
+    *,
+    true_map: ArrayLike | None = None,
+) -> Figure:
+    """How the tactile map unfolds: where each taxel is thought to be, step by step (Fig. 10 of the paper).
+
+    Args:
+        maps: (snapshot, rows, columns, 2) [m], or such by the name of who estimated, one a row of panels.
+        steps: (snapshot,) the steps learned by then.
+        landmarks: The taxel of each, by name; it and those within one of it are marked.
+        true_map: (rows, columns, 2) [m] where the taxels truly are, drawn faintly behind.
+
+    Returns:
+        A panel for each snapshot and name in [mm], y down, of equal aspect, one scale within a row.
+
+    Raises:
+        InvalidArray: Shapes that do not fit together.
+        InvalidConfig: A landmark that is no taxel of the map.
+    """
+    when = _array(steps, "steps", None)
+    named = dict(maps) if isinstance(maps, Mapping) else {"": maps}
+    rows = {name: _array(value, f"maps of {name!r}", len(when), None, None, 2) * _MM for name, value in named.items()}
+    size = style.DOUBLE_COLUMN / max(len(when), 4)
+    width = style.DOUBLE_COLUMN if len(when) >= 4 else size * len(when) + 0.4
+    figure = style.new_figure(width, len(rows) * size * 1.15 + 0.75)
+    grid = figure.subplots(len(rows), len(when), squeeze=False, sharex="row", sharey="row")
+    for panels, (name, snapshots) in zip(grid, rows.items(), strict=True):
+        truth = None if true_map is None else _array(true_map, "true_map", *snapshots.shape[1:]) * _MM
+        everything = [snapshots.reshape(-1, 2)] + ([] if truth is None else [truth.reshape(-1, 2)])
+        low, high = np.nanmin(np.concatenate(everything), 0), np.nanmax(np.concatenate(everything), 0)
+        edge = 0.04 * float((high - low).max())
+        for axes, snapshot in zip(panels, snapshots, strict=True):
+            if truth is not None:
+                _lattice(axes, truth[_sparse(truth.shape[0])][:, _sparse(truth.shape[1])], color=_FAINT, linewidth=0.7)
+            _lattice(axes, snapshot, color="0.35", linewidth=0.3)
+            # Lines without length have round ends: dots, at a tenth of the size of as many markers in an SVG.
+            dots = np.repeat(snapshot.reshape(-1, 1, 2), 3, axis=1) * [[1], [1], [np.nan]]
+            axes.plot(*dots.reshape(-1, 2).T, color="0.2", linewidth=1.0, solid_capstyle="round")
+            for landmark, taxel in (landmarks or {}).items():
+                patch = snapshot[_within_one(landmark, taxel, snapshot.shape[:2])]
+                axes.plot(*patch.T, **style.landmark(landmark), markersize=3, label=style.label(landmark), zorder=4)
+            axes.set(xlim=(low[0] - edge, high[0] + edge), ylim=(high[1] + edge, low[1] - edge), aspect="equal")
+        panels[0].set_ylabel(f"{style.label(name)}\ny [mm]" if name else "y [mm]")
+    for axes, step in zip(grid[0], when, strict=True):
+        axes.set_title(f"{step:.0f} steps")
+    for axes in grid[-1]:
+        axes.set_xlabel("x [mm]")
+    handles = [
+        Line2D([], [], **style.landmark(name), markersize=4, label=style.label(name)) for name in (landmarks or {})
+    ]
+    if true_map is not None:
+        handles.append(Line2D([], [], color=_FAINT, label="true places"))
+    _legend_above(figure, handles, columns=6)
+    return figure
+
+
+@style.style()
+def topological_error(
+    steps: ArrayLike,
+    errors: Mapping[str, ArrayLike],
+    *,
+    spans: Mapping[str, ArrayLike] | None = None,
+    chance: float | None = None,
+) -> Figure:
+    """The topological error of the map over learning (Fig. 11 of the paper), and its span beside it.
+
+    A map that shrinks to a point has no topological error: without its span the error flatters.
+
+    Args:
+        steps: (step,) the steps learned.
+        errors: By name, (seed, step) taxels out of order.
+        spans: By name, (seed, step) size of the map over the true size.
+        chance: The error of random maps.
+
+    Returns:
+        Means over the seeds, with bands of one standard deviation.
+
+    Raises:
+        InvalidArray: Shapes that do not fit together.
+    """
+    when = _array(steps, "steps", None)
+    quantities = [("topological error [taxels]", errors)] + ([("span of the map / true span", spans)] if spans else [])
+    figure = style.new_figure(style.DOUBLE_COLUMN if spans else style.SINGLE_COLUMN, 2.5)
+    panels = figure.subplots(1, len(quantities), squeeze=False)[0]
+    looks = style.appearances(dict.fromkeys([*errors, *(spans or {})]))
+    handles: dict[str, Line2D] = {}
+    for axes, (title, series) in zip(panels, quantities, strict=True):
+        for name, values in series.items():
+            seeds = _array(values, f"{title} of {name!r}", None, len(when))
+            mean, deviation = seeds.mean(0), seeds.std(0, ddof=1) if len(seeds) > 1 else np.zeros(len(when))
+            axes.fill_between(
+                when, mean - deviation, mean + deviation, color=looks[name]["color"], alpha=0.18, linewidth=0
+            )
+            (handles[name],) = axes.plot(
+                when, mean, **looks[name], markevery=max(1, len(when) // 8), label=style.label(name)
+            )
+        axes.set(xlabel="learning steps", ylabel=title)
+        axes.set_ylim(bottom=0)
+        axes.margins(x=0.02)
+    if chance is not None:
+        _reference(panels[0], float(chance), "chance")
+    if spans:
+        _reference(panels[1], 1.0, "true size")
+        _letters(panels)
+    _legend_above(figure, list(handles.values()))
+    return figure
+
+
+@style.style()
+def error_by_distance(
+    distance: Mapping[str, ArrayLike],
+    errors: Mapping[str, Mapping[str, ArrayLike]],
+    *,
+    distance_label: str = "distance from the seen circle [rad]",
+    bins: int = 5,
+) -> Figure:
+    """The relative error of learned Jacobians against how far from the seen circle they are asked.
+
+    Args:
+        distance: By probe (``"on_circle"``, ``"in_front"``, ``"on_face"``), (posture,).
+        errors: By estimator and probe, (posture,) or (seed, posture) relative errors, 1 for a Jacobian of zeros.
+        distance_label: What the distance is, with its unit.
+        bins: Bins of equally many postures, in which median and quartiles are drawn.
+
+    Returns:
+        A panel for each probe, of one scale: faint points are postures, markers medians, bars quartiles.
+
+    Raises:
+        InvalidArray: Shapes that do not fit together.
+        InvalidConfig: Fewer than one bin.
+    """
+    if bins < 1:
+        raise InvalidConfig(f"bins is {bins}; draw at least one")
+    figure = style.new_figure(style.DOUBLE_COLUMN, 2.7)
+    panels = figure.subplots(1, len(distance), sharex=True, sharey=True, squeeze=False)[0]
+    looks = style.appearances(errors)
+    handles: dict[str, Any] = {}
+    places = {probe: _array(values, f"distance of probe {probe!r}", None) for probe, values in distance.items()}
+    reach = max(float(np.ptp(np.concatenate(list(places.values())))), 1e-12)
+    for axes, (probe, place) in zip(panels, places.items(), strict=True):
+        edges = np.quantile(place, np.linspace(0, 1, bins + 1))
+        bin_of = np.clip(np.searchsorted(edges, place, side="right") - 1, 0, bins - 1)
+        for index, (name, look) in enumerate(looks.items()):
+            values = np.asarray(errors[name].get(probe, np.full(place.shape, np.nan)), dtype=float)
+            values = _array(values[None] if values.ndim == 1 else values, f"errors of {name!r}", None, len(place))
+            axes.plot(
+                np.tile(place, len(values)),
+                values.ravel(),
+                ".",
+                color=look["color"],
+                alpha=0.25,
+                markersize=2,
+                markeredgewidth=0,
+                rasterized=True,
+                zorder=1,
+            )
+            rows = []
+            for one in np.unique(bin_of):
+                inside = values[:, bin_of == one]
+                if np.isfinite(inside).any():
+                    rows.append([np.median(place[bin_of == one]), *np.nanquantile(inside, [0.5, 0.25, 0.75])])
+            if not rows:
+                continue
+            x, median, lower, upper = np.transpose(rows)
+            # Side by side, or the bars of several estimators hide each other.
+            x = x + (index - (len(looks) - 1) / 2) * 0.006 * reach
+            handles[name] = axes.errorbar(
+                x, median, [median - lower, upper - median], **look, elinewidth=0.8, zorder=3, label=style.label(name)
+            )
+        axes.set(xlabel=distance_label, yscale="log", title=style.label(probe))
+    for axes in panels:
+        _reference(axes, 1.0, "zero Jacobian")
+    panels[0].set_ylabel("relative error of the Jacobian")
+    _letters(panels)
+    _legend_above(figure, list(handles.values()))
+    return figure
+
+
+def _array(values: ArrayLike, name: str, *shape: int | None) -> Float[np.ndarray, "..."]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as problem:
+        raise InvalidArray(f"{name} is no array of numbers ({problem})") from None
+    fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
+    if not fits or not array.size:
+        expected = ", ".join("any" if n is None else str(n) for n in shape)
+        raise InvalidArray(f"{name} has shape {array.shape}; give ({expected}), not empty")
+    return array
+
+
+def _at_least_3d(values: ArrayLike) -> Any:
+    array = np.asarray(values)
+    return array[None] if array.ndim == 2 else array
+
+
+def _within_one(name: str, taxel: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    rows, columns = shape
+    if not 0 <= taxel < rows * columns:
+        raise InvalidConfig(f"landmark {name!r} is taxel {taxel}; the map has 0 to {rows * columns - 1}")
+    row, column = divmod(int(taxel), columns)
+    return slice(max(0, row - 1), row + 2), slice(max(0, column - 1), column + 2)
+
+
+def _sparse(count: int) -> list[int]:
+    return sorted({*range(0, count, max(1, count // 5)), count - 1})
+
+
+def _lattice(axes: Axes, places: Float[np.ndarray, "rows columns 2"], **look: Any) -> None:
+    for lines in (places, places.transpose(1, 0, 2)):
+        broken = np.concatenate([lines, np.full((len(lines), 1, 2), np.nan)], axis=1)
+        axes.plot(*broken.reshape(-1, 2).T, solid_joinstyle="round", **look)
+
+
+def _reference(axes: Axes, value: float, text: str) -> None:
+    axes.axhline(value, color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
+    axes.text(
+        0.99, value, text, transform=axes.get_yaxis_transform(), ha="right", va="bottom", fontsize=6.5, color="0.35"
+    )
+
+
+def _letters(panels: Iterable[Axes]) -> None:
+    for index, axes in enumerate(panels):
+        axes.set_title(f"({chr(ord('a') + index)})", loc="left")
+
+
+def _legend_above(figure: Figure, handles: Sequence[Any], columns: int | None = None) -> None:
+    if handles:
+        columns = columns or (4 if figure.get_figwidth() > style.SINGLE_COLUMN + 0.1 else 2)
+        # Rows of like length, rather than one left over.
+        columns = math.ceil(len(handles) / math.ceil(len(handles) / columns))
+        figure.legend(handles=list(handles), loc="outside upper center", ncols=columns)
