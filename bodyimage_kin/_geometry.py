@@ -115,7 +115,7 @@ def cast(shapes: tuple[Shape, ...], origins: Points, directions: Points) -> tupl
 
 
 def blocked(shapes: tuple[Shape, ...], starts: Points, ends: Points) -> Bool[np.ndarray, "count"]:
-    """Whether the segment between two points passes through a shape (more than a micrometre of it; touching is free)."""
+    """Whether the segment between two points passes through more than a micrometre of a shape."""
     through = np.zeros(len(starts), dtype=bool)
     lengths = np.linalg.norm(ends - starts, axis=1)
     for shape in shapes:

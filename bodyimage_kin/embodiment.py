@@ -98,7 +98,7 @@ class Embodiment:
         return hashlib.sha256(self.source + self.robot.source).hexdigest()
 
     @cached_property
-    def _fixed_poses(self) -> dict[str, Tensor]:
+    def _fixed_poses(self) -> dict[str, Tensor | None]:
         return {}
 
     @cached_property
@@ -200,7 +200,7 @@ class Embodiment:
     # What the hand reaches -------------------------------------------------------------------------------------------
 
     def touch_centres(self, taxels: ArrayLike, distance: float = 0.0) -> Float[Tensor, "count 3"]:
-        """Where the hand's centre is when it touches taxels, or is ``distance`` [m] in front, in the skin's link [m]."""
+        """Where the hand's centre touches taxels, or is ``distance`` [m] in front of that, in the skin's link [m]."""
         indices = np.atleast_1d(np.asarray(taxels))
         if indices.dtype.kind not in "iu" or indices.ndim != 1:
             raise InvalidConfig("taxels must be a list of whole numbers")
@@ -263,12 +263,14 @@ class Embodiment:
         self, q: Float[Tensor, "*batch p"], link: str
     ) -> tuple[Float[Tensor, "*batch 4 4"], Float[Tensor, "*batch 6 p"]]:
         """Of a link; one that no felt joint moves is computed once."""
-        if any(joint.kind != "fixed" for joint in self.felt_robot.path(link)):
-            return self.kinematics.pose_and_jacobian(q, link)
         if link not in self._fixed_poses:
-            self._fixed_poses[link] = self.kinematics.pose(self.felt_home, link)
-        pose = self._fixed_poses[link].to(q)
-        return pose.expand(*q.shape[:-1], 4, 4), q.new_zeros(()).expand(*q.shape[:-1], 6, self.p)
+            moves = any(joint.kind != "fixed" for joint in self.felt_robot.path(link))
+            self._fixed_poses[link] = None if moves else self.kinematics.pose(self.felt_home, link)
+        fixed = self._fixed_poses[link]
+        if fixed is None:
+            return self.kinematics.pose_and_jacobian(q, link)
+        batch = q.shape[:-1]
+        return fixed.to(q).expand(*batch, 4, 4), q.new_zeros(()).expand(*batch, 6, self.p)
 
     def _point(
         self, q: ArrayLike, link: str, offset: Float[Tensor, "3"]

@@ -170,7 +170,7 @@ class Skin:
         """Where the hand's centre is on each taxel, and the distance from there to the next."""
         centres = self.link_positions + radius * self.link_normals
         tree = scipy.spatial.KDTree(centres)
-        spacing = tree.query(centres, k=2)[0][:, 1] if len(centres) > 1 else np.full(1, np.inf)
+        spacing = np.asarray(tree.query(centres, k=2)[0])[:, 1] if len(centres) > 1 else np.full(1, np.inf)
         return tree, spacing
 
 

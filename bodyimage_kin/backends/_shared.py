@@ -143,7 +143,10 @@ class RobotKinematics:
             pose, jacobian = self.backend.pose_and_jacobian(values.to(torch.float64).contiguous(), path.link)
             return pose.to(values.dtype), jacobian.to(values.dtype)
 
-        pose, jacobian = _derivatives.pose_and_jacobian(flat, path.columns, evaluate)
+        if _nobody_differentiates(flat):
+            pose, jacobian = evaluate(flat)
+        else:
+            pose, jacobian = _derivatives.pose_and_jacobian(flat, path.columns, evaluate)
         return pose.reshape(*batch, 4, 4), jacobian.reshape(*batch, 6, q.shape[-1])
 
     def _path(self, link: str) -> _Path:
@@ -156,3 +159,10 @@ class RobotKinematics:
             folding = self.robot.folding[0] if follows or unfolded.n != self.robot.n else None
             path = self._paths[link] = _Path(link, torch.tensor(columns, dtype=torch.long), folding)
         return path
+
+
+def _nobody_differentiates(q: Tensor) -> bool:
+    """Whether autograd's bookkeeping can be spared: no backward, no forward mode, no transform of ``torch.func``."""
+    backward = q.requires_grad and torch.is_grad_enabled()
+    forward = torch.autograd.forward_ad._current_level >= 0
+    return not (backward or forward or torch._C._functorch.peek_interpreter_stack() is not None)

@@ -6,7 +6,7 @@ rate 0.2, 200 steps (500 with noise). The posture is no input.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -14,7 +14,7 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many, pairs, require
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, pairs, require
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,14 +100,6 @@ class PaperMLP(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> DisplacementNetwork:
         """Learns from an experience; the seed draws the first weights. See :meth:`Estimator.fit`."""
-        return self.fit_many([exp], [seed])[0]
-
-    def fit_many(self, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[LearnedJacobian]:
-        """Learns from several experiences. See :meth:`Estimator.fit_many`."""
-        check_many(experiences, seeds)
-        return [self._fit(exp, seed) for exp, seed in zip(experiences, seeds, strict=True)]
-
-    def _fit(self, exp: xr.Dataset, seed: int) -> DisplacementNetwork:
         data = pairs(exp)
         in_scale, out_scale = _spread(data.dq), _spread(data.dr)
         x, y = data.dq / in_scale, data.dr / out_scale

@@ -1,0 +1,1 @@
+"""Studies: grids of independent cells, worked off in processes."""
