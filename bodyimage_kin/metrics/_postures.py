@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool
 
 from bodyimage_kin.metrics._inputs import ArrayInput, Floats, as_pair, ratio, square_root
 from bodyimage_kin.metrics._row_space import RowSpace, row_space, singular_values
@@ -20,13 +19,15 @@ CHUNK = 1 << 16  # postures at a time, so that temporaries stay in the tens of m
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Some postures' true and estimated Jacobians (postures, m, p), raw and whitened; zero where not finite."""
+    """Some postures' true and estimated Jacobians (postures, m, p), raw and whitened.
+
+    Both are zero where either is not finite: that adds nothing to a sum, and a true Jacobian of zero has no score.
+    """
 
     raw_true: Floats
     raw_estimated: Floats
     J: Floats
     Jh: Floats
-    finite: Bool[np.ndarray, "postures"]
 
     @cached_property
     def row_spaces(self) -> tuple[RowSpace, RowSpace]:
@@ -45,7 +46,7 @@ def chunks(true: Floats, estimated: Floats, root: Floats | None) -> Iterator[tup
         if not finite.all():
             raw = np.where(finite[:, None, None], raw[0], 0), np.where(finite[:, None, None], raw[1], 0)
         J, Jh = raw if root is None else ((a.reshape(-1, p) @ root).reshape(-1, m, p) for a in raw)
-        yield place, Pairs(*raw, J, Jh, finite)
+        yield place, Pairs(*raw, J, Jh)
 
 
 def _inner(A: Floats, B: Floats) -> Floats:
@@ -143,5 +144,4 @@ def per_posture(
     for place, pairs in chunks(J, Jh, root):
         for name, values in found.items():
             values[place] = SCORES[name].of(pairs)
-            values[place][~pairs.finite] = np.nan
     return {name: values.reshape((*batch, *values.shape[1:])) for name, values in found.items()}

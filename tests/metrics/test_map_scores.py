@@ -142,6 +142,7 @@ def test_landmark_relations_are_those_of_the_truth():
     assert "left_eye left of right_eye" in found
     assert not {"left_eye above right_eye", "right_eye above left_eye", "nose above left_eye"} & set(found)
     assert found == metrics.landmark_relations(TRUE, LANDMARKS, true=TRUE + 1e-12)
+    assert found == metrics.landmark_relations(TRUE, dict(reversed(LANDMARKS.items())))
 
 
 def test_landmark_relations_that_a_map_loses():
