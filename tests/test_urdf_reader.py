@@ -259,7 +259,7 @@ def test_cycles_are_sought_with_few_looks_at_each_joint(step: int):
 
     chained = Counted({str(index): str(index + 1) for index in range(3000)[::step]})
     assert _find_cycle(chained) == []
-    assert chained.looks <= 3000
+    assert chained.looks <= 2 * len(chained), "some room for the type checker's own looks"
 
 
 def test_the_largest_robot_loads():
