@@ -61,7 +61,7 @@ class RobotKinematics:
         return self.pose_and_jacobian(q, link)[0]
 
     def jacobian(
-        self, q: ArrayLike, link: str, reference: Reference = "local_world_aligned"
+        self, q: ArrayLike, link: str, reference: Reference | str = "local_world_aligned"
     ) -> Float[Tensor, "*batch 6 n"]:
         """The Jacobian of a link, rows linear [m/rad] then angular [rad/rad] ([m/m] and 0 for prismatic joints).
 
@@ -134,7 +134,9 @@ class RobotKinematics:
         if path.folding is not None:
             matrix, offset = self.robot.folding
             q = q @ matrix.to(q).T + offset.to(q)
-        batch, flat = q.shape[:-1], q.reshape(-1, q.shape[-1])
+        batch = q.shape[:-1]
+        # Not -1: a robot in which nothing moves has postures without values.
+        flat = q.reshape(batch.numel(), q.shape[-1])
 
         def evaluate(values: Tensor) -> tuple[Tensor, Tensor]:
             values = values.detach()

@@ -1,8 +1,8 @@
 """What an estimator is, what it returns, and how that is kept on disk.
 
 An estimator is a frozen spec: its fields say everything but the data and the seed. ``fit`` is pure and returns a
-learned Jacobian. Arrays of a learned Jacobian are kept as safetensors beside a JSON file that names the kind; loading looks the
-kind up in our own list and imports nothing a file names.
+learned Jacobian. Its arrays are kept as safetensors beside a JSON file that names the kind; loading looks the kind up
+in our own list and imports nothing a file names.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ class LearnedJacobian(abc.ABC):
         q, dq = as_postures(q, self.p), as_postures(dq, self.p, "displacement dq")
         if q.shape != dq.shape:
             try:
-                shape = torch.broadcast_shapes(q.shape, dq.shape)
-            except RuntimeError:
+                shape = np.broadcast_shapes(q.shape, dq.shape)
+            except ValueError:
                 raise InvalidPosture(
                     f"posture q {tuple(q.shape)} and displacement dq {tuple(dq.shape)} do not fit together"
                 ) from None

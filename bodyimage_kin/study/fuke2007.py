@@ -18,12 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.spatial
 import torch
 import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
 from bodyimage_kin._embodiment_file import load_embodiment
+from bodyimage_kin._files import write_text
 from bodyimage_kin.body_image import BodyImage, integrate
 from bodyimage_kin.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
@@ -214,6 +216,11 @@ def probe_postures(body: Embodiment, circle: xr.Dataset) -> dict[str, Float[torc
     }
 
 
+def check(settings: Settings) -> None:
+    """Loads the embodiment once: a wrong name or file is told here, and not by every worker."""
+    load_embodiment(settings.embodiment, settings.backend)
+
+
 def run(
     settings: Settings,
     folder: Path,
@@ -231,8 +238,7 @@ def run(
         workers: Number of processes; None: one a core.
         progress: Called with the number of cells done and their total.
     """
-    # A wrong name or file is told here, once, and not by every worker.
-    load_embodiment(settings.embodiment, settings.backend)
+    check(settings)
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [(condition, seed) for condition in CONDITIONS for seed in range(settings.seeds)]
     workers = min(workers or os.cpu_count() or 1, len(jobs))
@@ -275,8 +281,6 @@ def summary(settings: Settings, cells: Sequence[Cell]) -> dict[str, Any]:
 
 def write_summary(found: Mapping[str, Any], path: Path) -> None:
     """Writes a summary as JSON, atomically."""
-    from bodyimage_kin._files import write_text
-
     write_text(path, json.dumps(found, indent=2, allow_nan=False) + "\n")
 
 
@@ -342,8 +346,6 @@ def _image_range(circle: xr.Dataset) -> Float[np.ndarray, "m 2"]:
 
 def _distance(body: Embodiment, circle: xr.Dataset, probes: Mapping[str, torch.Tensor]) -> dict[str, np.ndarray]:
     """How far the hand is from where it was ever seen [m]."""
-    import scipy.spatial
-
     seen = circle["true_hand_position"].values.reshape(-1, 3)
     tree = scipy.spatial.KDTree(seen[np.isfinite(seen).all(1)])
     with torch.no_grad():
