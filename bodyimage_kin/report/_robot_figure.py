@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
@@ -41,7 +42,7 @@ def touching_face(
         posture: Joint values by name [rad or m].
         taxels: (taxel, 3) in the root [m].
         landmarks: The taxel of each, by name.
-        circle_path: (time, 3) path of the seen hand in the root [m]; dashed where the robot covers it.
+        circle_path: (time, 3) path of the seen hand in the root [m], NaN for gaps; dashed where the robot covers it.
         close_up: Whether to draw the face from near as well.
         links: The links to draw; None for all.
         mesh_folder: Where meshes may be read; None for the folder of the URDF.
@@ -71,7 +72,10 @@ def touching_face(
     if close_up:
         view = face_view or _clearest(skin, surface, front, 22, 8)
         flat, _ = project(skin if path is None else np.concatenate([skin, path]), view)
-        centre, half = (flat.max(0) + flat.min(0)) / 2, 0.62 * float(np.ptp(flat, axis=0).max())
+        centre, half = (
+            (np.nanmax(flat, 0) + np.nanmin(flat, 0)) / 2,
+            0.62 * float((np.nanmax(flat, 0) - np.nanmin(flat, 0)).max()),
+        )
         draw_surface(
             panels[1],
             surface,
@@ -89,9 +93,12 @@ def touching_face(
     handles += [
         Line2D([], [], **style.landmark(name), markersize=5, label=style.label(name)) for name in landmarks or {}
     ]
+    if landmarks:
+        hollow = style.landmark("") | {"marker": "o", "markerfacecolor": "none", "markeredgecolor": "0.35"}
+        handles.append(Line2D([], [], **hollow, markersize=5, label="hollow: covered"))
     if path is not None:
         handles.append(Line2D([], [], **_CIRCLE, label="seen circle of the hand"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=6 if close_up else 3)
+    figure.legend(handles=handles, loc="outside lower center", ncols=7 if close_up else 3)
     return figure
 
 
@@ -106,12 +113,16 @@ def _front(skin: Float[np.ndarray, "taxels 3"], surface: Surface, path: Any) -> 
     """The way the face looks: across the taxels, towards the seen circle or else away from the robot."""
     centre = skin.mean(0)
     across = np.asarray(np.linalg.svd(skin - centre)[2][2])
-    outside = path.mean(0) - centre if path is not None else centre - surface.corners.mean((0, 1))
+    outside = np.nanmean(path, 0) - centre if path is not None else centre - surface.corners.mean((0, 1))
     return across if across @ outside >= 0 else -across
 
 
 def _clearest(
-    skin: Float[np.ndarray, "taxels 3"], surface: Surface, front: Float[np.ndarray, "3"], aside: float, above: float
+    skin: Float[np.ndarray, "taxels 3"],
+    surface: Surface,
+    front: Float[np.ndarray, "3"],
+    aside: float | int,
+    above: float | int,
 ) -> View:
     straight = np.degrees(np.arctan2(front[1], front[0]))
     views = [View.around(skin.mean(0), azimuth=straight + turn, elevation=above) for turn in (-aside, aside)]
@@ -124,18 +135,19 @@ def _upper_body(surface: Surface, view: View, skin: Any, path: Any) -> tuple[flo
     shown = flat[flat[:, 1] >= root] if root < project(skin, view)[0][:, 1].min() else flat
     if path is not None:
         shown = np.concatenate([shown, project(path, view)[0]])
-    (left, bottom), (right, top) = shown.min(0), shown.max(0)
+    (left, bottom), (right, top) = np.nanmin(shown, 0), np.nanmax(shown, 0)
     edge = 0.04 * max(right - left, top - bottom)
     return float(left - edge), float(right + edge), float(bottom - edge), float(top + edge)
 
 
 def _overlay(
-    axes: Axes, surface: Surface, view: View, skin: Any, landmarks: Mapping[str, int], path: Any, size: float
+    axes: Axes, surface: Surface, view: View, skin: Any, landmarks: Mapping[str, int], path: Any, size: float | int
 ) -> None:
     flat, _ = project(skin, view)
-    covered = hidden(skin, surface, view)
+    # Eyeballs and lips stand out a little from the skin that bears the taxels; only what is well in front hides them.
+    covered = hidden(skin, surface, view, margin=0.004)
     shown = flat[~covered]
-    axes.plot(*shown.T, ".", color="0.15", markersize=size / 4, markeredgewidth=0, rasterized=True, zorder=2)
+    style.dots(axes, shown, size=size / 5, color="0.15", zorder=2)
     for name, taxel in landmarks.items():
         look = style.landmark(name)
         if covered[taxel]:
@@ -156,4 +168,6 @@ def _scale_bar(axes: Axes, length: float) -> None:
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     x, y = left + 0.03 * (right - left), bottom + 0.03 * (top - bottom)
     axes.plot([x, x + length], [y, y], color="black", linewidth=2, solid_capstyle="butt", zorder=6)
-    axes.text(x + length / 2, y + 0.015 * (top - bottom), f"{length * 100:.0f} cm", ha="center", va="bottom", zorder=6)
+    text = axes.text(x + length / 2, y + 0.015 * (top - bottom), f"{length * 100:.0f} cm", ha="center", va="bottom")
+    text.set_path_effects([withStroke(linewidth=2, foreground="white")])
+    text.set_zorder(6)

@@ -14,8 +14,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgba
+from matplotlib.image import AxesImage
 
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidGeometry, UnknownName
@@ -26,12 +26,12 @@ from bodyimage_kin.report.visuals import triangles as triangles
 Window: TypeAlias = tuple[float | int, float | int, float | int, float | int]
 """Left, right, bottom, top on the picture plane [m]."""
 
-MAX_VECTOR_TRIANGLES = 1000
-"""A drawing of more triangles is embedded in an SVG as an image: smaller, and without seams."""
+PIXELS = 720
+"""Pixels along the longer side of a drawing: 200 to the inch over a column."""
 
+_SUBPIXELS = 2  # along each side of a pixel, averaged for smooth outlines
 _LIGHT = np.array([-0.35, 0.55, 0.76])  # on the picture plane right, up, towards the viewer
 _AMBIENT = 0.45
-_SHADES = 50  # steps too small to see, and large enough for an image to compress well
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,10 @@ def hidden(
     corners, corner_depth = project(surface.corners, view)
     a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
-    seen = np.abs(area) > 1e-15
+    (left, bottom), (right, top) = np.nanmin(flat, 0), np.nanmax(flat, 0)
+    low, high = corners.min(1), corners.max(1)
+    near = (low[:, 0] <= right) & (high[:, 0] >= left) & (low[:, 1] <= top) & (high[:, 1] >= bottom)
+    seen = near & (np.abs(area) > 1e-15)
     a, ab, ac, area, corner_depth = a[seen], ab[seen], ac[seen], area[seen], corner_depth[seen]
     # Seen in perspective it is the inverse of the depth that is linear over a triangle.
     linear = 1 / corner_depth if view.perspective else corner_depth
@@ -139,8 +142,12 @@ def hidden(
     return covered
 
 
-def draw_surface(axes: Axes, surface: Surface, view: View, *, window: Window | None = None) -> PolyCollection:
-    """Draw triangles on axes of equal aspect in metres: far ones first, lit from the upper left, back faces left out.
+def draw_surface(axes: Axes, surface: Surface, view: View, *, window: Window | None = None) -> AxesImage:
+    """Draw triangles on axes of equal aspect in metres, lit from the upper left.
+
+    They become one image, each pixel showing the triangle nearest to the eye: spheres and cylinders that run into each
+    other, as the limbs of a robot of primitives do, meet in a clean line, which no order of painting gives; and a mesh
+    of any size takes the same room in an SVG.
 
     Args:
         axes: Its limits and aspect are set.
@@ -153,38 +160,28 @@ def draw_surface(axes: Axes, surface: Surface, view: View, *, window: Window | N
     """
     if not len(surface.corners):
         raise InvalidGeometry("nothing to draw: these links have no visual geometry; choose links that have")
-    flat, _ = project(surface.corners, view)
+    flat, depth = project(surface.corners, view)
     if window is None:
         low, high = np.nanmin(flat, axis=(0, 1)), np.nanmax(flat, axis=(0, 1))
         edge = 0.03 * float((high - low).max())
         window = (low[0] - edge, high[0] + edge, low[1] - edge, high[1] + edge)
-    left, right, bottom, top = window
-    normals = np.cross(surface.corners[:, 1] - surface.corners[:, 0], surface.corners[:, 2] - surface.corners[:, 0])
-    eye = np.asarray(view.look_from) if view.perspective else -1e6 * view.axes()[2]
-    kept = np.einsum("ij,ij->i", normals, eye - surface.corners[:, 0]) > 0
-    kept &= (flat[..., 0].max(1) > left) & (flat[..., 0].min(1) < right)
-    kept &= (flat[..., 1].max(1) > bottom) & (flat[..., 1].min(1) < top)
-    # The painter sorts by middles, which is right only when neighbours are of like size: large triangles are cut.
-    corners, source = _cut(surface.corners[kept], max(right - left, top - bottom) / 60)
-    flat, depth = project(corners, view)
-    order = np.argsort(-depth.mean(1), kind="stable")
-    normals = normals[kept] / np.linalg.norm(normals[kept], axis=1, keepdims=True)
-    towards = normals @ (view.axes() * [[1], [1], [-1]]).T
-    shade = _AMBIENT + (1 - _AMBIENT) * np.clip(towards @ (_LIGHT / np.linalg.norm(_LIGHT)), 0, 1)
-    shade = np.round(shade * _SHADES) / _SHADES
-    colours = surface.colours[kept] * np.concatenate([np.repeat(shade[:, None], 3, 1), np.ones((len(shade), 1))], 1)
-    painted = PolyCollection(
-        list(flat[order]),
-        facecolors=colours[source[order]],
-        edgecolors=colours[source[order]],
-        linewidths=0,
-        # Smoothed edges would let what is behind shine through between neighbours.
-        antialiaseds=False,
-        rasterized=len(flat) > MAX_VECTOR_TRIANGLES,
-        zorder=1,
-    )
-    axes.add_collection(painted, autolim=False)
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    left, right, bottom, top = (float(value) for value in window)
+    scale = PIXELS * _SUBPIXELS / max(right - left, top - bottom)
+    width, height = (_SUBPIXELS * max(1, round(size * scale / _SUBPIXELS)) for size in (right - left, top - bottom))
+    pixels = (flat - [left, top]) * [width / (right - left), -height / (top - bottom)]
+    # Seen in perspective it is the inverse of the depth that is linear over a triangle.
+    nearest, weights = _nearest(pixels, -1 / depth if view.perspective else depth, width, height)
+    light = _LIGHT @ (view.axes() * [[1], [1], [-1]]) / np.linalg.norm(_LIGHT)
+    shade = _AMBIENT + (1 - _AMBIENT) * np.clip(surface.normals @ light, 0, 1)
+    # In steps too fine to see, which halve the size of the file.
+    lit = np.round((weights * shade[nearest]).sum(-1, keepdims=True) * 90) / 90
+    image = surface.colours[nearest] * lit
+    image[..., 3] = 1
+    image[nearest < 0] = 0
+    image = image.reshape(height // _SUBPIXELS, _SUBPIXELS, width // _SUBPIXELS, _SUBPIXELS, 4).mean(axis=(1, 3))
+    image[..., :3] = np.where(image[..., 3:] > 0, image[..., :3] / image[..., 3:].clip(1e-9), 1.0)
+    painted = axes.imshow(image.clip(0, 1), extent=(left, right, bottom, top), aspect="equal", zorder=1)
+    axes.set(xlim=(left, right), ylim=(bottom, top))
     return painted
 
 
@@ -227,22 +224,33 @@ def draw_robot(
     return surface
 
 
-def _cut(
-    corners: Float[np.ndarray, "triangles 3 3"], longest: float
-) -> tuple[Float[np.ndarray, "pieces 3 3"], Int[np.ndarray, "pieces"]]:
-    """The triangles halved across the longest edge until none exceeds ``longest`` [m], and each piece's source."""
-    done, sources = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
-    source = np.arange(len(corners))
-    while len(corners):
-        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        # Turned so that the longest edge runs from the first corner to the second: slivers give few pieces, not many.
-        turned = (edges.argmax(1)[:, None] + np.arange(3)) % 3
-        corners = np.take_along_axis(corners, turned[..., None], axis=1)
-        small = edges.max(1) <= longest
-        done.append(corners[small])
-        sources.append(source[small])
-        a, b, c = np.moveaxis(corners[~small], 1, 0)
-        middle = (a + b) / 2
-        corners = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
-        source = np.tile(source[~small], 2)
-    return np.concatenate(done), np.concatenate(sources)
+def _nearest(
+    pixels: Float[np.ndarray, "triangles 3 2"], depth: Float[np.ndarray, "triangles 3"], width: int, height: int
+) -> tuple[Int[np.ndarray, "height width"], Float[np.ndarray, "height width 3"]]:
+    """The triangle seen in each pixel (rows from the top), -1 for none, and how near each of its corners is (sum 1).
+
+    Triangles turned away are left out.
+    """
+    weights = np.zeros((height, width, 3))
+    seen = np.full((height, width), -1)
+    buffer = np.full((height, width), np.inf)
+    ab, ac = pixels[:, 1] - pixels[:, 0], pixels[:, 2] - pixels[:, 0]
+    area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+    # The middle of pixel k is at k + 1/2.
+    low = np.ceil(np.nan_to_num(pixels.min(1)) - 0.5).clip(0).astype(int)
+    high = np.floor(np.nan_to_num(pixels.max(1)) - 0.5).clip(-1, [width - 1, height - 1]).astype(int)
+    # Counterclockwise becomes negative where rows run down; a corner behind the eye makes the area NaN.
+    for index in np.flatnonzero((area < -1e-12) & (low <= high).all(1)):
+        (x0, y0), (x1, y1) = low[index], high[index]
+        dx = np.arange(x0, x1 + 1) + 0.5 - pixels[index, 0, 0]
+        dy = np.arange(y0, y1 + 1)[:, None] + 0.5 - pixels[index, 0, 1]
+        u = (dx * ac[index, 1] - dy * ac[index, 0]) / area[index]
+        v = (dy * ab[index, 0] - dx * ab[index, 1]) / area[index]
+        a, b, c = depth[index]
+        at = a + u * (b - a) + v * (c - a)
+        box = slice(y0, y1 + 1), slice(x0, x1 + 1)
+        won = (u >= 0) & (v >= 0) & (u + v <= 1) & (at < buffer[box])
+        buffer[box][won] = at[won]
+        seen[box][won] = index
+        weights[box][won] = np.stack(np.broadcast_arrays(1 - u - v, u, v), axis=-1)[won]
+    return seen, weights

@@ -26,6 +26,7 @@ ArrayLike: TypeAlias = Any
 
 _MM = 1000.0
 _FAINT = "0.72"
+_MOST_POINTS = 400  # a panel and estimator: enough to see a spread, few enough for an SVG
 
 
 @style.style()
@@ -102,7 +103,13 @@ def trajectories(
     """
     known = {"truth": true, **estimates}
     paths = {name: _array(value, f"path of {name!r}", None, 2) * _MM for name, value in known.items()}
-    figure = style.new_figure(style.SINGLE_COLUMN, 3.6)
+    marks = {name: _array(place, f"landmark {name!r}", 2) * _MM for name, place in (landmarks or {}).items()}
+    places = np.concatenate([*paths.values(), *(mark[None] for mark in marks.values())])
+    breadth, depth = np.nanmax(places, axis=0) - np.nanmin(places, axis=0)
+    # As tall as the paths ask for: axes of equal aspect in a figure of another shape leave it half empty.
+    legend = 0.15 * math.ceil((len(paths) + len(marks)) / 2)
+    height = 0.6 + legend + 2.75 * float(np.clip(depth / max(breadth, 1e-9), 0.4, 1.4))
+    figure = style.new_figure(style.SINGLE_COLUMN, height)
     axes = figure.subplots()
     handles = []
     for name, look in style.appearances(paths).items():
@@ -114,9 +121,8 @@ def trajectories(
         )
         started = path[np.isfinite(path).all(1)][:1]
         axes.plot(*started.T, marker=look["marker"], color=look["color"], markersize=7, linestyle="", alpha=0.6)
-    for name, place in (landmarks or {}).items():
-        x, y = _array(place, f"landmark {name!r}", 2) * _MM
-        handles += axes.plot(x, y, **style.landmark(name), markersize=8, label=style.label(name), zorder=5)
+    for name, place in marks.items():
+        handles += axes.plot(*place, **style.landmark(name), markersize=6.5, label=style.label(name), zorder=5)
     axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     axes.margins(0.08)
     axes.invert_yaxis()
@@ -152,7 +158,7 @@ def map_snapshots(
     rows = {name: _array(value, f"maps of {name!r}", len(when), None, None, 2) * _MM for name, value in named.items()}
     size = style.DOUBLE_COLUMN / max(len(when), 4)
     width = style.DOUBLE_COLUMN if len(when) >= 4 else size * len(when) + 0.4
-    figure = style.new_figure(width, len(rows) * size * 1.15 + 0.75)
+    figure = style.new_figure(width, len(rows) * size * 1.02 + 0.6)
     grid = figure.subplots(len(rows), len(when), squeeze=False, sharex="row", sharey="row")
     for panels, (name, snapshots) in zip(grid, rows.items(), strict=True):
         truth = None if true_map is None else _array(true_map, "true_map", *snapshots.shape[1:]) * _MM
@@ -162,13 +168,11 @@ def map_snapshots(
         for axes, snapshot in zip(panels, snapshots, strict=True):
             if truth is not None:
                 _lattice(axes, truth[_sparse(truth.shape[0])][:, _sparse(truth.shape[1])], color=_FAINT, linewidth=0.7)
-            _lattice(axes, snapshot, color="0.35", linewidth=0.3)
-            # Lines without length have round ends: dots, at a tenth of the size of as many markers in an SVG.
-            dots = np.repeat(snapshot.reshape(-1, 1, 2), 3, axis=1) * [[1], [1], [np.nan]]
-            axes.plot(*dots.reshape(-1, 2).T, color="0.2", linewidth=1.0, solid_capstyle="round")
+            _lattice(axes, snapshot, color="0.6", linewidth=0.25)
+            style.dots(axes, snapshot.reshape(-1, 2), size=0.9, color="0.15", zorder=3)
             for landmark, taxel in (landmarks or {}).items():
-                patch = snapshot[_within_one(landmark, taxel, snapshot.shape[:2])]
-                axes.plot(*patch.T, **style.landmark(landmark), markersize=3, label=style.label(landmark), zorder=4)
+                patch = snapshot[_within_one(landmark, taxel, snapshot.shape[:2])].reshape(-1, 2)
+                axes.plot(*patch.T, **style.landmark(landmark), markersize=2.3, label=style.label(landmark), zorder=4)
             axes.set(xlim=(low[0] - edge, high[0] + edge), ylim=(high[1] + edge, low[1] - edge), aspect="equal")
         panels[0].set_ylabel(f"{style.label(name)}\ny [mm]" if name else "y [mm]")
     for axes, step in zip(grid[0], when, strict=True):
@@ -190,7 +194,7 @@ def topological_error(
     errors: Mapping[str, ArrayLike],
     *,
     spans: Mapping[str, ArrayLike] | None = None,
-    chance: float | None = None,
+    chance: float | int | None = None,
 ) -> Figure:
     """The topological error of the map over learning (Fig. 11 of the paper), and its span beside it.
 
@@ -209,7 +213,7 @@ def topological_error(
         InvalidArray: Shapes that do not fit together.
     """
     when = _array(steps, "steps", None)
-    quantities = [("topological error [taxels]", errors)] + ([("span of the map / true span", spans)] if spans else [])
+    quantities = [("topological error [taxels]", errors)] + ([("map span / true span", spans)] if spans else [])
     figure = style.new_figure(style.DOUBLE_COLUMN if spans else style.SINGLE_COLUMN, 2.5)
     panels = figure.subplots(1, len(quantities), squeeze=False)[0]
     looks = style.appearances(dict.fromkeys([*errors, *(spans or {})]))
@@ -225,13 +229,14 @@ def topological_error(
                 when, mean, **looks[name], markevery=max(1, len(when) // 8), label=style.label(name)
             )
         axes.set(xlabel="learning steps", ylabel=title)
-        axes.set_ylim(bottom=0)
         axes.margins(x=0.02)
     if chance is not None:
         _reference(panels[0], float(chance), "chance")
     if spans:
         _reference(panels[1], 1.0, "true size")
         _letters(panels)
+    for axes in panels:
+        axes.set_ylim(bottom=0)
     _legend_above(figure, list(handles.values()))
     return figure
 
@@ -253,7 +258,8 @@ def error_by_distance(
         bins: Bins of equally many postures, in which median and quartiles are drawn.
 
     Returns:
-        A panel for each probe, of one scale: faint points are postures, markers medians, bars quartiles.
+        A panel for each probe, of one scale: faint points are some postures (median over the seeds), markers
+        medians of a bin, bars its quartiles over postures and seeds.
 
     Raises:
         InvalidArray: Shapes that do not fit together.
@@ -273,17 +279,10 @@ def error_by_distance(
         for index, (name, look) in enumerate(looks.items()):
             values = np.asarray(errors[name].get(probe, np.full(place.shape, np.nan)), dtype=float)
             values = _array(values[None] if values.ndim == 1 else values, f"errors of {name!r}", None, len(place))
-            axes.plot(
-                np.tile(place, len(values)),
-                values.ravel(),
-                ".",
-                color=look["color"],
-                alpha=0.25,
-                markersize=2,
-                markeredgewidth=0,
-                rasterized=True,
-                zorder=1,
-            )
+            posture_median = np.nanmedian(values[:, np.isfinite(values).any(0)], axis=0)
+            points = np.stack([place[np.isfinite(values).any(0)], posture_median], axis=1)
+            points = points[:: 1 + len(points) // _MOST_POINTS]
+            style.dots(axes, points, size=1.2, color=look["color"], alpha=0.3, zorder=1)
             rows = []
             for one in np.unique(bin_of):
                 inside = values[:, bin_of == one]
@@ -295,12 +294,21 @@ def error_by_distance(
             # Side by side, or the bars of several estimators hide each other.
             x = x + (index - (len(looks) - 1) / 2) * 0.006 * reach
             handles[name] = axes.errorbar(
-                x, median, [median - lower, upper - median], **look, elinewidth=0.8, zorder=3, label=style.label(name)
+                x,
+                median,
+                [median - lower, upper - median],
+                **look,
+                elinewidth=0.8,
+                capsize=1.5,
+                zorder=3,
+                label=style.label(name),
             )
-        axes.set(xlabel=distance_label, yscale="log", title=style.label(probe))
+        axes.set(yscale="log", title=style.label(probe))
+        axes.yaxis.set_major_formatter("{x:g}")
     for axes in panels:
         _reference(axes, 1.0, "zero Jacobian")
     panels[0].set_ylabel("relative error of the Jacobian")
+    figure.supxlabel(distance_label, fontsize=8)
     _letters(panels)
     _legend_above(figure, list(handles.values()))
     return figure
@@ -344,7 +352,7 @@ def _lattice(axes: Axes, places: Float[np.ndarray, "rows columns 2"], **look: An
 def _reference(axes: Axes, value: float, text: str) -> None:
     axes.axhline(value, color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
     axes.text(
-        0.99, value, text, transform=axes.get_yaxis_transform(), ha="right", va="bottom", fontsize=6.5, color="0.35"
+        0.99, value, text, transform=axes.get_yaxis_transform(), ha="right", va="bottom", fontsize=6.5, color="0.25"
     )
 
 

@@ -38,12 +38,14 @@ class Surface(NamedTuple):
 
     Attributes:
         corners: [m], counterclockwise seen from outside.
+        normals: Outward unit normals of the shape at the corners (of a sphere, not of the facets that stand for it).
         colours: RGBA of each triangle, 0 to 1.
         links: Index of each triangle's link in ``link_names``.
         link_names: Every link of the robot, in the file's order.
     """
 
     corners: Float[np.ndarray, "triangles 3 3"]
+    normals: Float[np.ndarray, "triangles 3 3"]
     colours: Float[np.ndarray, "triangles 4"]
     links: Int[np.ndarray, "triangles"]
     link_names: tuple[str, ...]
@@ -80,7 +82,8 @@ def triangles(
     poses = link_poses(robot, posture)
     home = robot.file and robot.file.parent
     folder = None if mesh_folder is None else Path(mesh_folder)
-    corners, colours, owners = [np.empty((0, 3, 3))], [np.empty((0, 4))], [np.empty(0, dtype=np.int64)]
+    corners, normals, colours = [np.empty((0, 3, 3))], [np.empty((0, 3, 3))], [np.empty((0, 4))]
+    owners = [np.empty(0, dtype=np.int64)]
     with _quiet():
         parsed = _parsed(robot.source)
         visuals = [(link.name, visual) for link in parsed.links for visual in link.visuals]
@@ -92,9 +95,16 @@ def triangles(
             mesh = _mesh(visual.geometry, name, home, folder)
             root_T_visual = poses[name] @ (visual.origin if visual.origin is not None else np.eye(4))
             corners.append(np.asarray(mesh.triangles) @ root_T_visual[:3, :3].T + root_T_visual[:3, 3])
+            normals.append(_normals(visual.geometry, mesh) @ root_T_visual[:3, :3].T)
             colours.append(_colours(visual.material, materials, mesh))
             owners.append(np.full(len(mesh.faces), robot.link_names.index(name)))
-    return Surface(np.concatenate(corners), np.concatenate(colours), np.concatenate(owners), robot.link_names)
+    return Surface(
+        np.concatenate(corners),
+        np.concatenate(normals),
+        np.concatenate(colours),
+        np.concatenate(owners),
+        robot.link_names,
+    )
 
 
 def link_poses(robot: Robot, posture: Mapping[str, Any]) -> dict[str, Float[np.ndarray, "4 4"]]:
@@ -168,7 +178,9 @@ def _mesh(geometry: Any, link: str, home: Path | None, folder: Path | None) -> A
     if geometry.box is not None:
         return trimesh.creation.box(extents=geometry.box.size)
     if geometry.sphere is not None:
-        return trimesh.creation.icosphere(subdivisions=4, radius=geometry.sphere.radius)
+        return trimesh.creation.icosphere(
+            subdivisions=4 if geometry.sphere.radius > 0.03 else 3, radius=geometry.sphere.radius
+        )
     if geometry.cylinder is not None:
         cylinder = geometry.cylinder
         return trimesh.creation.cylinder(radius=cylinder.radius, height=cylinder.length, sections=64)
@@ -185,6 +197,18 @@ def _mesh(geometry: Any, link: str, home: Path | None, folder: Path | None) -> A
     if geometry.mesh.scale is not None:
         mesh.apply_transform(np.diag([*np.broadcast_to(geometry.mesh.scale, 3), 1.0]))
     return mesh
+
+
+def _normals(geometry: Any, mesh: Any) -> Float[np.ndarray, "triangles 3 3"]:
+    corners = np.asarray(mesh.triangles)
+    if geometry.sphere is not None:
+        return corners / geometry.sphere.radius
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = np.repeat(flat[:, None], 3, axis=1) / np.linalg.norm(flat, axis=1).clip(1e-300)[:, None, None]
+    if geometry.cylinder is not None:
+        around = corners * [1, 1, 0] / geometry.cylinder.radius
+        return np.where(np.abs(flat[..., 2:]) > 0.5, flat, around)
+    return flat
 
 
 def _mesh_path(name: str, link: str, home: Path | None, folder: Path | None) -> Path:

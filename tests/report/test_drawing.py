@@ -138,7 +138,7 @@ def test_points_behind_the_robot_are_hidden(perspective):
     assert drawing.hidden(points, surface, view).tolist() == [False, True, True, True]
     assert not drawing.hidden(aside, surface, view).any()
     tilted = np.array([[[0.0, -1, -1], [-10.0, 3, -1], [0.0, -1, 3]]])
-    plane = drawing.Surface(tilted, np.ones((1, 4)), np.zeros(1, dtype=int), ("plane",))
+    plane = drawing.Surface(tilted, tilted, np.ones((1, 4)), np.zeros(1, dtype=int), ("plane",))
     on_plane = tilted[0].mean(0)
     eye = drawing.View((1.0, 0.0, 0.0), perspective=perspective)
     line_of_sight = on_plane - np.asarray(eye.look_from) if perspective else np.array([-1.0, 0, 0])
@@ -171,17 +171,39 @@ def test_drawing_shows_the_near_side_in_front(tmp_path):
     assert svg.stat().st_size < 300_000
 
 
-def test_cut_pieces_cover_the_triangles_and_are_small():
-    corners = np.random.default_rng(0).normal(size=(20, 3, 3))
-    pieces, source = drawing._cut(corners, 0.5)
+def test_normals_are_those_of_the_shape():
+    surface = drawing.triangles(BOX, {"turn": 0.7})
+    np.testing.assert_allclose(np.linalg.norm(surface.normals, axis=-1), 1, atol=1e-12)
+    flat = np.cross(surface.corners[:, 1] - surface.corners[:, 0], surface.corners[:, 2] - surface.corners[:, 0])
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    box, ball = surface.links == 1, surface.links == 2
+    np.testing.assert_allclose(surface.normals[box], np.repeat(flat[box, None], 3, 1), atol=1e-12)
+    assert (np.einsum("tci,ti->tc", surface.normals[ball], flat[ball]) > 0.99).all()
+    tube = '<visual><geometry><cylinder radius="2" length="3"/></geometry></visual>'
+    surface = drawing.triangles(f'<robot name="t"><link name="b">{tube}</link></robot>', {})
+    cap = (np.abs(surface.normals[..., 2]) > 0.5).all(1)
+    np.testing.assert_allclose(np.abs(surface.normals[cap]), np.tile([0, 0, 1], (cap.sum(), 3, 1)), atol=1e-12)
+    np.testing.assert_allclose(surface.normals[~cap] * 2, surface.corners[~cap] * [1, 1, 0], atol=1e-12)
 
-    def area(triangles):
-        return (
-            np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
-        )
 
-    np.testing.assert_allclose(np.bincount(source, area(pieces)), area(corners), rtol=1e-12)
-    assert np.linalg.norm(pieces - np.roll(pieces, 1, axis=1), axis=2).max() <= 0.5
+def test_shapes_that_intersect_meet_where_they_do():
+    crossed = "".join(
+        f'<visual><origin rpy="0 0 {angle}"/><geometry><box size="1 0.001 1"/></geometry>'
+        f'<material name="{name}"><color rgba="{colour} 1"/></material></visual>'
+        for angle, name, colour in ((1.0, "a", "1 0 0"), (-1.0, "b", "0 0 1"))
+    )
+    with style.style():
+        axes = style.new_figure(2, 2).subplots()
+        surface = drawing.triangles(f'<robot name="r"><link name="b">{crossed}</link></robot>', {})
+        image = np.asarray(drawing.draw_surface(axes, surface, FRONT).get_array())
+    # Two thin plates cross like an X seen from above: each is in front on one side, up to the line where they cross.
+    row = image[image.shape[0] // 2]
+    red, blue = np.flatnonzero(row[:, 0] > 2 * row[:, 2]), np.flatnonzero(row[:, 2] > 2 * row[:, 0])
+    middle = len(row) / 2
+    assert {bool((red < middle + 2).all()), bool((red > middle - 2).all())} == {True, False}
+    assert {bool((blue < middle + 2).all()), bool((blue > middle - 2).all())} == {True, False}
+    assert len(red) > 200
+    assert len(blue) > 200
 
 
 def test_nothing_is_logged_or_warned_and_nothing_is_changed(caplog):
