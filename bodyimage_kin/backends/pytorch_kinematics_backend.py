@@ -42,17 +42,17 @@ class PytorchKinematicsBackend:
 
 
 def _build(robot: Robot, link: str) -> tuple[pytorch_kinematics.SerialChain | None, list[int], torch.Tensor]:
-    """The exact chain to a link (None when nothing on it moves), its columns in q, and its pose at rest."""
+    """The exact chain to a link (None when nothing on it moves), its columns in q, and its pose where nothing moves."""
     tree = numbered_chain(robot, link)
     columns = moving_columns(robot, link)
+    pose = torch.eye(4, dtype=torch.float64)
     if not columns:
-        pose = torch.eye(4, dtype=torch.float64)
         for joint in tree.joints:
             pose = pose @ torch.from_numpy(_transforms.transform(_transforms.rpy_matrix(joint.rpy), joint.xyz))
         return None, columns, pose
     chain = pytorch_kinematics.build_chain_from_urdf(write_core(tree).encode()).to(dtype=torch.float64)
     _make_exact(chain, tree)
-    return pytorch_kinematics.SerialChain(chain, tree.links[-1], dtype=torch.float64), columns, torch.empty(0)
+    return pytorch_kinematics.SerialChain(chain, tree.links[-1], dtype=torch.float64), columns, pose
 
 
 def _make_exact(chain: pytorch_kinematics.chain.Chain, tree: KinematicTree) -> None:
