@@ -1,0 +1,217 @@
+"""Motion with dynamics: an external force drags the hand along a path, the arm follows passively (section 4.1).
+
+The force on the hand is ``k (x* - x) + d (v* - v)`` in all components, on request with a random torque on the hand
+beside it. Weak springs pull the joints towards a rest posture; the skin is solid and the hand slides on it. MuJoCo
+simulates several motions at once, in threads; a motion's bits depend neither on the threads nor on the other motions.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import torch
+from jaxtyping import Float
+from mujoco import rollout
+
+from bodyimage_kin import _mujoco_model, _reach
+from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.errors import InvalidConfig, Unreachable
+from bodyimage_kin.recordings.contacts import nearest_on_shapes
+
+_CHUNK = 10.0
+"""Simulated time between two returns from MuJoCo's threads [s]: bounds the memory for controls and states."""
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+
+
+@dataclass(frozen=True)
+class DragSettings:
+    """How the hand is dragged, and how the arm follows.
+
+    Attributes:
+        stiffness: Of the spring between the hand and its target [N/m].
+        damping: Of the damper between them [N s/m].
+        press: How deep in the skin the target lies while the hand touches [m]: presses it on.
+        friction: Coefficient of friction between hand and skin.
+        tolerance: Largest gap between hand and skin that counts as touch [m].
+        joint_damping: Of every joint [N m s/rad].
+        rest_stiffness: Of the spring that pulls every joint to its rest posture [N m/rad].
+        torque_variance: Variance of each component of the random torque on the hand [N^2 m^2]; 0: none.
+        torque_hold: How long a random torque is held before the next is drawn [s]: its effect grows with this.
+        step: Of the simulation [s].
+    """
+
+    stiffness: float = 60.0
+    damping: float = 4.0
+    press: float = 0.01
+    friction: float = 0.0
+    tolerance: float = 1e-3
+    joint_damping: float = 0.025
+    rest_stiffness: float = 0.05
+    torque_variance: float = 0.0
+    torque_hold: float = 0.002
+    step: float = 0.002
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            positive = name in ("stiffness", "step", "torque_hold")
+            if not (np.isfinite(value) and (value > 0 if positive else value >= 0)):
+                raise InvalidConfig(
+                    f"drag: {name}={value!r}: give a {'positive' if positive else 'non-negative'} number"
+                )
+        whole_steps(self.torque_hold, self.step, "drag: torque_hold")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One motion to simulate.
+
+    Attributes:
+        centres: (steps, 3) where the hand's centre is led, one each step, in the skin's link [m].
+        rest: (p,) rest posture; the arm starts displaced least from it, at rest, the hand on its path.
+        noise: Draws the random torques.
+        press: Whether the path lies on the skin and the hand is to be pressed on.
+    """
+
+    centres: Float[np.ndarray, "steps 3"]
+    rest: Float[np.ndarray, "p"]
+    noise: np.random.Generator
+    press: bool = False
+
+
+def whole_steps(duration: float, step: float, name: str) -> int:
+    """How many steps a duration has.
+
+    Raises:
+        InvalidConfig: Not a whole number of at least one; names the field.
+    """
+    count = round(duration / step)
+    if count < 1 or abs(count * step - duration) > 1e-9 * duration:
+        raise InvalidConfig(f"{name}={duration!r}: give a whole number of simulation steps of {step:g} s")
+    return count
+
+
+def drag(
+    body: Embodiment,
+    motions: Sequence[Motion],
+    settings: DragSettings,
+    *,
+    sampling: float,
+    threads: int | None = None,
+) -> list[Float[np.ndarray, "samples p"]]:
+    """Simulates motions, each on its own, all at once.
+
+    Args:
+        body: The embodiment.
+        motions: What to simulate; their lengths may differ.
+        settings: How the hand is dragged.
+        sampling: Time between samples, a whole number of steps [s].
+        threads: At most this many; None: as many as there are processors. The bits do not depend on it.
+
+    Returns:
+        Joint values at the samples, one array a motion: its first row is the start, one row every ``sampling`` while
+        the motion lasts [rad].
+
+    Raises:
+        InvalidConfig: A sampling time that is no whole number of steps, or a simulation that diverges.
+        InvalidURDF: A robot that cannot be simulated (no masses).
+        Unreachable: The hand cannot reach a path's first point within the joint limits.
+    """
+    every = whole_steps(sampling, settings.step, "sampling")
+    if not motions:
+        return []
+    model = _mujoco_model.build(
+        body,
+        step=settings.step,
+        stiffness=settings.stiffness,
+        damping=settings.damping,
+        joint_damping=settings.joint_damping,
+        rest_stiffness=settings.rest_stiffness,
+        friction=settings.friction,
+    )
+    models = [_at_rest(model, motion.rest) for motion in motions]
+    state = np.stack([_state(model, start_posture(body, motion)) for motion in motions])
+    lengths = [len(motion.centres) for motion in motions]
+    steps = max(lengths) - 1
+    controls = [_Controls(body, motion, settings, steps) for motion in motions]
+    workers = min(len(motions), threads or os.cpu_count() or 1)
+    data = [mujoco.MjData(model) for _ in range(workers)]
+    # A chunk ends with a sample and with a random torque's hold.
+    unit = math.lcm(every, whole_steps(settings.torque_hold, settings.step, "drag: torque_hold"))
+    chunk = unit * max(1, round(_CHUNK / settings.step / unit))
+    # The state begins with the time.
+    columns = 1 + _mujoco_model.joint_columns(model)
+    sampled = [state[:, None, columns]]
+    with rollout.Rollout(nthread=workers if workers > 1 else 0) as pool:
+        for begin in range(0, steps, chunk):
+            here = slice(begin, min(begin + chunk, steps))
+            states, _ = pool.rollout(models, data, state, np.stack([one.take(here) for one in controls]), chunk_size=1)
+            state = states[:, -1]
+            sampled.append(states[:, every - 1 :: every, columns])
+    q = np.concatenate(sampled, axis=1)
+    if not (np.isfinite(state).all() and np.isfinite(q).all()):
+        raise InvalidConfig(f"the dynamics diverge at drag: step={settings.step:g}; give a smaller one")
+    return [rows[: 1 + (length - 1) // every] for rows, length in zip(q, lengths, strict=True)]
+
+
+def start_posture(body: Embodiment, motion: Motion) -> Float[np.ndarray, "p"]:
+    """The posture displaced least from rest in which the hand is at the path's first point.
+
+    Raises:
+        Unreachable: There is none within the joint limits.
+    """
+    lower, upper = body.felt_robot.lower, body.felt_robot.upper
+    target = torch.from_numpy(motion.centres[:1])
+    q, reached = _reach.least_displacement(
+        body.hand_in_skin_and_jacobian, target, torch.from_numpy(motion.rest), lower, upper
+    )
+    if not bool(reached.all()):
+        raise Unreachable("the hand cannot reach the path's first point within the joint limits")
+    return np.asarray(q[0].numpy())
+
+
+class _Controls:
+    """The controls of one motion: targets shifted so that the damper acts on the velocity relative to the target's."""
+
+    def __init__(self, body: Embodiment, motion: Motion, settings: DragSettings, steps: int) -> None:
+        targets = motion.centres
+        if motion.press:
+            _, normals, _ = nearest_on_shapes(body.skin.shapes, targets)
+            targets = targets - settings.press * normals
+        velocity = np.gradient(targets, settings.step, axis=0) if len(targets) > 1 else np.zeros_like(targets)
+        # MuJoCo's force is k (control - x) - d v.
+        targets = targets + settings.damping / settings.stiffness * velocity
+        # A motion shorter than the longest goes on at its end, unseen.
+        self.targets = np.concatenate([targets, np.repeat(targets[-1:], max(0, steps - len(targets)), axis=0)])
+        self.noise, self.deviation = motion.noise, math.sqrt(settings.torque_variance)
+        self.hold = whole_steps(settings.torque_hold, settings.step, "drag: torque_hold")
+
+    def take(self, steps: slice) -> Float[np.ndarray, "steps 6"]:
+        """The controls of the next steps; each is taken once, in order."""
+        targets = self.targets[steps]
+        torques = np.zeros_like(targets)
+        if self.deviation:
+            drawn = self.noise.standard_normal((math.ceil(len(targets) / self.hold), 3))
+            torques = self.deviation * np.repeat(drawn, self.hold, axis=0)[: len(targets)]
+        return np.concatenate([targets, torques], axis=1)
+
+
+def _at_rest(model: mujoco.MjModel, rest: Float[np.ndarray, "p"]) -> mujoco.MjModel:
+    """The model whose springs are relaxed at a posture."""
+    model = copy.copy(model)
+    model.qpos_spring[_mujoco_model.joint_columns(model)] = rest
+    return model
+
+
+def _state(model: mujoco.MjModel, q: Float[np.ndarray, "p"]) -> Float[np.ndarray, "state"]:
+    """MuJoCo's state of a posture at rest, at time zero."""
+    data = mujoco.MjData(model)
+    data.qpos[_mujoco_model.joint_columns(model)] = q
+    state = np.empty(mujoco.mj_stateSize(model, _STATE))
+    mujoco.mj_getState(model, data, state, _STATE)
+    return state
