@@ -173,9 +173,7 @@ def draw_surface(axes: Axes, surface: Surface, view: View, *, window: Window | N
     nearest, weights = _nearest(pixels, -1 / depth if view.perspective else depth, width, height)
     light = _LIGHT @ (view.axes() * [[1], [1], [-1]]) / np.linalg.norm(_LIGHT)
     shade = _AMBIENT + (1 - _AMBIENT) * np.clip(surface.normals @ light, 0, 1)
-    # In steps too fine to see, which halve the size of the file.
-    lit = np.round((weights * shade[nearest]).sum(-1, keepdims=True) * 90) / 90
-    image = surface.colours[nearest] * lit
+    image = surface.colours[nearest] * (weights * shade[nearest]).sum(-1, keepdims=True)
     image[..., 3] = 1
     image[nearest < 0] = 0
     image = image.reshape(height // _SUBPIXELS, _SUBPIXELS, width // _SUBPIXELS, _SUBPIXELS, 4).mean(axis=(1, 3))
