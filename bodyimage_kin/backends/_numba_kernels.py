@@ -1,0 +1,400 @@
+"""One set of compiled kernels for every robot: arrays describe the chain, nothing is generated for it.
+
+A chain is a product of joints about (or along) z with all that is fixed folded in between::
+
+    root_T_link = start  Rz(q_1 + phase_1) step_1  Rz(q_2 + phase_2) step_2 ...  Rz(last)
+    step = translation  Rx(tilt)
+
+Any fixed rotation is Rz Rx Rz, and the outer two merge with the joints beside them: what is left costs two plane
+rotations a joint instead of a product of matrices. The phase turns sine and cosine, never the angle, so that an angle
+of a million radians keeps all its digits. A prismatic joint turns by its phase alone and slides along z.
+
+Postures are worked off in blocks of ``L`` lanes. Every quantity of a block is one row of ``L`` numbers in a flat
+scratch array, at a place known at compile time wherever possible: only then does LLVM turn the loops over lanes into
+vector instructions. Numba's disk cache does not notice other files and changed globals, so these kernels read neither.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar, no_type_check
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import njit, types
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+L = 32
+"""Lanes, postures in a block: few enough for the scratch of a seven-joint arm to fit the first-level cache."""
+
+SIN_PHASE, COS_PHASE, STEP_X, STEP_Y, STEP_Z, SIN_TILT, COS_TILT, MULTIPLIER, OFFSET = range(9)
+"""Columns of a chain's constants. Row j + 1 is joint j, whose angle is multiplier * q + offset (1 and 0 unless it
+follows another). Row 0 is ``start`` (axes x, y, z, then the origin); the last row has sine and cosine of ``last``."""
+CONSTANTS = 12
+
+COLUMN, PRISMATIC, INTO = range(3)
+"""Columns of a chain's joints: index in q, 1 if prismatic, and the first joint (itself, mostly) that q also moves."""
+
+X, Y, Z, ORIGIN, SIN, COS, ANGLE, ZERO, ONE, SLOTS = 0, 3, 6, 9, 12, 13, 14, 15, 16, 18
+"""Rows of the scratch: the moving frame (0 to 11), one joint's angle, constants; from row SLOTS on, a slot a joint."""
+CAMERA, ACROSS, DOWN, IMAGE, DEPTH, IMAGE_SLOTS = 18, 30, 33, 36, 38, 39
+"""Rows that only images need: the camera's frame, the derivative of the image by the hand's place, the image."""
+SLOT = 6
+"""Rows of a slot: the joint's axis and a point on it, then what they give: its angular and its linear column."""
+
+# pi/2 in two parts (Cody and Waite 1980): the first has so few bits that its multiples up to 2**20 are exact.
+_LARGEST_ANGLE = 1.6e6
+_TWO_OVER_PI, _QUARTER, _QUARTER_REST = 0.63661977236758134308, 1.57079632673412561417, 6.07710050650619224932e-11
+# Adding and subtracting it rounds to the nearest integer.
+_ROUND = 6755399441055744.0
+# Minimax polynomials of sine and cosine on [-pi/4, pi/4]: the coefficients of FreeBSD's msun (k_sin.c, k_cos.c).
+_S1, _S2, _S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
+_S4, _S5, _S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
+_C1, _C2, _C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
+_C4, _C5, _C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def _compiled(function: _Function) -> _Function:
+    """The function, to be compiled at its first call; from numba's disk cache where there is one."""
+    # Contraction to fused multiply-add rounds less often; nothing is reassociated.
+    options: dict[str, Any] = {"nogil": True, "fastmath": {"contract"}, "error_model": "numpy"}
+    try:
+        return njit(cache=True, **options)(function)
+    except RuntimeError:  # numba finds no folder that it may write to
+        return njit(**options)(function)
+
+
+# no_type_check: a checker that wraps functions would hand numba the wrapper.
+
+
+@intrinsic
+@no_type_check
+def _view(typing, array, start, size):
+    """``size`` numbers of a C-contiguous array from ``start`` on, flat; the caller keeps the array alive.
+
+    Slices count references, atomically: that took a third of the time. Views also show LLVM what is apart from what.
+    """
+    flat = types.Array(types.float64, 1, "C")
+
+    def generate(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        view = context.make_array(flat)(context, builder)
+        number = context.get_constant(types.intp, 8)
+        place = builder.gep(data, [arguments[1]])
+        populate_array(view, place, [arguments[2]], [number], number, meminfo=None, parent=None)
+        return view._getvalue()
+
+    return flat(array, types.intp, types.intp), generate
+
+
+@_compiled
+@no_type_check
+def _sines(s, sin_phase, cos_phase):
+    """Rows SIN and COS: of the angle in row ANGLE [rad] plus the phase, to about one unit in the last place."""
+    beyond = 0
+    for i in range(L):
+        x = s[ANGLE * L + i]
+        beyond += not (abs(x) <= _LARGEST_ANGLE)
+        quarters = (x * _TWO_OVER_PI + _ROUND) - _ROUND
+        r = (x - quarters * _QUARTER) - quarters * _QUARTER_REST
+        z = r * r
+        sine = r + r * z * (_S1 + z * (_S2 + z * (_S3 + z * (_S4 + z * (_S5 + z * _S6)))))
+        half = 0.5 * z
+        near = 1.0 - half
+        rest = z * z * (_C1 + z * (_C2 + z * (_C3 + z * (_C4 + z * (_C5 + z * _C6)))))
+        cosine = near + (((1.0 - near) - half) + rest)
+        # Which quarter, without integers: not every processor converts them in vectors.
+        halves = (0.5 * quarters - 0.25 + _ROUND) - _ROUND
+        swap = quarters - 2.0 * halves
+        sign = 1.0 - 2.0 * (halves - 2.0 * ((0.5 * halves - 0.25 + _ROUND) - _ROUND))
+        a = sign * (cosine if swap != 0.0 else sine)
+        b = sign * (-sine if swap != 0.0 else cosine)
+        s[SIN * L + i] = a * cos_phase + b * sin_phase
+        s[COS * L + i] = b * cos_phase - a * sin_phase
+    if beyond:
+        for i in range(L):
+            x = s[ANGLE * L + i]
+            if not (abs(x) <= _LARGEST_ANGLE):
+                a, b = math.sin(x), math.cos(x)
+                s[SIN * L + i] = a * cos_phase + b * sin_phase
+                s[COS * L + i] = b * cos_phase - a * sin_phase
+
+
+@_compiled
+@no_type_check
+def _step(s, c):
+    """Turn the moving frame about z by rows SIN and COS, then translate and tilt it."""
+    tx, ty, tz, st, ct = c[STEP_X], c[STEP_Y], c[STEP_Z], c[SIN_TILT], c[COS_TILT]
+    for i in range(L):
+        sine, cosine = s[SIN * L + i], s[COS * L + i]
+        x0, x1, x2 = s[i], s[L + i], s[2 * L + i]
+        y0, y1, y2 = s[3 * L + i], s[4 * L + i], s[5 * L + i]
+        z0, z1, z2 = s[6 * L + i], s[7 * L + i], s[8 * L + i]
+        a0, a1, a2 = cosine * x0 + sine * y0, cosine * x1 + sine * y1, cosine * x2 + sine * y2
+        b0, b1, b2 = cosine * y0 - sine * x0, cosine * y1 - sine * x1, cosine * y2 - sine * x2
+        s[i], s[L + i], s[2 * L + i] = a0, a1, a2
+        s[3 * L + i], s[4 * L + i], s[5 * L + i] = ct * b0 + st * z0, ct * b1 + st * z1, ct * b2 + st * z2
+        s[6 * L + i], s[7 * L + i], s[8 * L + i] = ct * z0 - st * b0, ct * z1 - st * b1, ct * z2 - st * b2
+        s[9 * L + i] += tx * a0 + ty * b0 + tz * z0
+        s[10 * L + i] += tx * a1 + ty * b1 + tz * z1
+        s[11 * L + i] += tx * a2 + ty * b2 + tz * z2
+
+
+@_compiled
+@no_type_check
+def _run(q, first, count, constants, joints, scratch, slots):
+    """Run along a chain: the moving frame ends at the link, every joint's axis and origin are in its slot."""
+    s = _view(scratch, 0, SLOTS * L)
+    n = q.shape[1]
+    flat = _view(q, 0, q.size)
+    for i in range(ORIGIN + 3):
+        for k in range(L):
+            s[i * L + k] = constants[0, i]
+    for j in range(joints.shape[0]):
+        c = _view(constants, (j + 1) * CONSTANTS, CONSTANTS)
+        start = first * n + joints[j, COLUMN]
+        column = flat[start : start + (count - 1) * n + 1 : n]
+        angle = _view(s, ANGLE * L, L)
+        for i in range(count):
+            angle[i] = column[i]
+        if c[MULTIPLIER] != 1.0 or c[OFFSET] != 0.0:
+            for i in range(L):
+                angle[i] = c[MULTIPLIER] * angle[i] + c[OFFSET]
+        slot = _view(scratch, (slots + SLOT * j) * L, SLOT * L)
+        for i in range(SLOT * L):
+            slot[i] = s[Z * L + i]
+        if joints[j, PRISMATIC]:
+            sine, cosine = c[SIN_PHASE], c[COS_PHASE]
+            for i in range(L):
+                x = s[ANGLE * L + i]
+                s[9 * L + i] += x * s[6 * L + i]
+                s[10 * L + i] += x * s[7 * L + i]
+                s[11 * L + i] += x * s[8 * L + i]
+                s[SIN * L + i], s[COS * L + i] = sine, cosine
+        else:
+            _sines(s, c[SIN_PHASE], c[COS_PHASE])
+        _step(s, c)
+    sine, cosine = constants[joints.shape[0] + 1, 0], constants[joints.shape[0] + 1, 1]
+    if sine != 0.0 or cosine != 1.0:
+        for i in range(L):
+            x0, x1, x2 = s[i], s[L + i], s[2 * L + i]
+            y0, y1, y2 = s[3 * L + i], s[4 * L + i], s[5 * L + i]
+            s[i], s[L + i], s[2 * L + i] = cosine * x0 + sine * y0, cosine * x1 + sine * y1, cosine * x2 + sine * y2
+            s[3 * L + i], s[4 * L + i] = cosine * y0 - sine * x0, cosine * y1 - sine * x1
+            s[5 * L + i] = cosine * y2 - sine * x2
+
+
+@_compiled
+@no_type_check
+def _column(s, v, prismatic):
+    """A slot's axis and origin become the joint's angular and linear column, for the origin of the moving frame."""
+    if prismatic:
+        for i in range(L):
+            v[3 * L + i], v[4 * L + i], v[5 * L + i] = v[i], v[L + i], v[2 * L + i]
+            v[i], v[L + i], v[2 * L + i] = 0.0, 0.0, 0.0
+    else:
+        for i in range(L):
+            z0, z1, z2 = v[i], v[L + i], v[2 * L + i]
+            d0, d1, d2 = s[9 * L + i] - v[3 * L + i], s[10 * L + i] - v[4 * L + i], s[11 * L + i] - v[5 * L + i]
+            v[3 * L + i] = z1 * d2 - z2 * d1
+            v[4 * L + i] = z2 * d0 - z0 * d2
+            v[5 * L + i] = z0 * d1 - z1 * d0
+
+
+@_compiled
+@no_type_check
+def _fold(scratch, slots, j, into, multiplier, rows):
+    """Scale the first rows of a slot, and add them to another slot's when the joint moves with that one."""
+    v = _view(scratch, (slots + SLOT * j) * L, SLOT * L)
+    if multiplier != 1.0:
+        for i in range(rows * L):
+            v[i] *= multiplier
+    if into != j:
+        w = _view(scratch, (slots + SLOT * into) * L, SLOT * L)
+        for i in range(rows * L):
+            w[i] += v[i]
+
+
+@intrinsic
+@no_type_check
+def _transpose_8x8(typing, scratch, rows, row, lane, target, at, stride):
+    """Eight lanes of the eight scratch rows that begin at rows[row] and so on: into target from ``at`` on.
+
+    Left to the compiler these 64 numbers move one by one, and writing results is most of a kernel's time.
+    """
+
+    def generate(context, builder, signature, arguments):
+        def data(index):
+            return context.make_array(signature.args[index])(context, builder, arguments[index]).data
+
+        vector, integer = ir.VectorType(ir.DoubleType(), 8), ir.IntType(64)
+        values = []
+        for i in range(8):
+            begin = builder.load(builder.gep(data(1), [builder.add(arguments[2], integer(i))]))
+            source = builder.gep(data(0), [builder.add(begin, arguments[3])])
+            values.append(builder.load(builder.bitcast(source, vector.as_pointer()), align=8))
+        # Swap the off-diagonal blocks of 1x1, 2x2, then 4x4.
+        for width in (1, 2, 4):
+            lows = [k if not k & width else 8 + k - width for k in range(8)]
+            highs = [k + width if not k & width else 8 + k for k in range(8)]
+            masks = [ir.Constant(ir.VectorType(ir.IntType(32), 8), mask) for mask in (lows, highs)]
+            for i in range(8):
+                if not i & width:
+                    pair = values[i], values[i + width]
+                    values[i], values[i + width] = (builder.shuffle_vector(*pair, mask) for mask in masks)
+        for i in range(8):
+            place = builder.gep(data(4), [builder.add(arguments[5], builder.mul(arguments[6], integer(i)))])
+            builder.store(values[i], builder.bitcast(place, vector.as_pointer()), align=8)
+        return context.get_dummy_value()
+
+    integer = types.int64
+    return types.void(scratch, rows, integer, integer, target, integer, integer), generate
+
+
+@_compiled
+@no_type_check
+def _write(scratch, rows, target, first, count):
+    """Each lane of the scratch rows that begin at rows[...] -> what belongs to posture first + lane in the target."""
+    size = rows.shape[0]
+    flat = _view(target, 0, target.size)
+    whole = count - count % 8 if size >= 8 else 0
+    for lane in range(0, whole, 8):
+        row = 0
+        while row < size:
+            # The last eight rows may overlap the eight before: some numbers are written twice.
+            row = min(row, size - 8)
+            _transpose_8x8(scratch, rows, row, lane, flat, (first + lane) * size + row, size)
+            row += 8
+    for lane in range(whole, count):
+        for row in range(size):
+            flat[(first + lane) * size + row] = scratch[rows[row] + lane]
+
+
+@_compiled
+@no_type_check
+def _scratch(rows):
+    """Rows of zeros (row ONE of ones) from a multiple of 64 bytes on: vectors across cache lines cost twice."""
+    scratch = np.zeros(rows * L + 8)
+    skip = (-(scratch.ctypes.data // 8)) % 8
+    scratch = scratch[skip : skip + rows * L]
+    scratch[ONE * L : (ONE + 1) * L] = 1.0
+    return scratch
+
+
+@_compiled
+@no_type_check
+def pose_and_jacobian(q, constants, joints, pose_rows, jacobian_rows, pose, jacobian):
+    """Pose (B, 4, 4) and Jacobian (B, 6, n) of a chain's end, written; float64, C-contiguous, nothing is checked.
+
+    Args:
+        q: Postures (B, n).
+        constants: (m + 2, CONSTANTS) for the m moving joints of the chain.
+        joints: (m, 3).
+        pose_rows: (16,) where in the scratch the rows begin that make up a pose.
+        jacobian_rows: (6 n,) likewise.
+        pose: Written.
+        jacobian: Written.
+    """
+    _pose_blocks(
+        q, constants, joints, pose_rows, jacobian_rows, pose, jacobian, _scratch(SLOTS + SLOT * joints.shape[0])
+    )
+
+
+@_compiled
+@no_type_check
+def _pose_blocks(q, constants, joints, pose_rows, jacobian_rows, pose, jacobian, scratch):
+    s = _view(scratch, 0, SLOTS * L)
+    for first in range(0, q.shape[0], L):
+        count = min(L, q.shape[0] - first)
+        _run(q, first, count, constants, joints, scratch, SLOTS)
+        _write(scratch, pose_rows, pose, first, count)
+        for j in range(joints.shape[0]):
+            _column(s, _view(scratch, (SLOTS + SLOT * j) * L, SLOT * L), joints[j, PRISMATIC])
+            _fold(scratch, SLOTS, j, joints[j, INTO], constants[j + 1, MULTIPLIER], SLOT)
+        _write(scratch, jacobian_rows, jacobian, first, count)
+
+
+@_compiled
+@no_type_check
+def _project(s, screen_distance):
+    """From the hand (moving frame) and the camera's frame: the image, the depth, the image's derivative by the hand."""
+    for i in range(L):
+        d0, d1, d2 = s[9 * L + i] - s[27 * L + i], s[10 * L + i] - s[28 * L + i], s[11 * L + i] - s[29 * L + i]
+        x0, x1, x2 = s[18 * L + i], s[19 * L + i], s[20 * L + i]
+        y0, y1, y2 = s[21 * L + i], s[22 * L + i], s[23 * L + i]
+        z0, z1, z2 = s[24 * L + i], s[25 * L + i], s[26 * L + i]
+        depth = z0 * d0 + z1 * d1 + z2 * d2
+        scale = screen_distance / depth
+        x, y = (x0 * d0 + x1 * d1 + x2 * d2) / depth, (y0 * d0 + y1 * d1 + y2 * d2) / depth
+        s[30 * L + i], s[31 * L + i], s[32 * L + i] = (
+            scale * (x0 - x * z0),
+            scale * (x1 - x * z1),
+            scale * (x2 - x * z2),
+        )
+        s[33 * L + i], s[34 * L + i], s[35 * L + i] = (
+            scale * (y0 - y * z0),
+            scale * (y1 - y * z1),
+            scale * (y2 - y * z2),
+        )
+        s[36 * L + i], s[37 * L + i], s[38 * L + i] = screen_distance * x, screen_distance * y, depth
+
+
+@_compiled
+@no_type_check
+def _image_column(s, v):
+    """The linear column of a slot, as the image shows it, into the slot's first two rows."""
+    for i in range(L):
+        v0, v1, v2 = v[3 * L + i], v[4 * L + i], v[5 * L + i]
+        v[i] = s[30 * L + i] * v0 + s[31 * L + i] * v1 + s[32 * L + i] * v2
+        v[L + i] = s[33 * L + i] * v0 + s[34 * L + i] * v1 + s[35 * L + i] * v2
+
+
+@_compiled
+@no_type_check
+def image_and_jacobian(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian):
+    """Image (B, 2) and depth (B,) of the hand, and the image's Jacobian (B, 2, p), written; nothing is checked.
+
+    A joint that carries the camera moves the hand, as seen, like one that carries the hand the other way: its column
+    is minus the velocity it would give to the point of the camera's body where the hand is.
+
+    Args:
+        q: Postures (B, n).
+        hand: Constants of the chain to the hand's centre, (m + 2, CONSTANTS), from where the two chains part.
+        camera: Constants of the chain to the camera, (c + 2, CONSTANTS).
+        joints: (m + c, 3), the hand's first.
+        screen_distance: From the optical centre to the screen [m].
+        jacobian_rows: (2 p,) where in the scratch the rows begin that make up an image Jacobian.
+        image: Written [m on the screen].
+        depth: Written [m]; the image means nothing where it is not positive.
+        jacobian: Written.
+    """
+    scratch = _scratch(IMAGE_SLOTS + SLOT * joints.shape[0])
+    _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian, scratch)
+
+
+@_compiled
+@no_type_check
+def _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian, scratch):
+    m = hand.shape[0] - 2
+    s = _view(scratch, 0, IMAGE_SLOTS * L)
+    for first in range(0, q.shape[0], L):
+        count = min(L, q.shape[0] - first)
+        _run(q, first, count, camera, joints[m:], scratch, IMAGE_SLOTS + SLOT * m)
+        for i in range((ORIGIN + 3) * L):
+            s[CAMERA * L + i] = s[i]
+        _run(q, first, count, hand, joints[:m], scratch, IMAGE_SLOTS)
+        _project(s, screen_distance)
+        for j in range(joints.shape[0]):
+            v = _view(scratch, (IMAGE_SLOTS + SLOT * j) * L, SLOT * L)
+            _column(s, v, joints[j, PRISMATIC])
+            _image_column(s, v)
+            multiplier = hand[j + 1, MULTIPLIER] if j < m else -camera[j - m + 1, MULTIPLIER]
+            _fold(scratch, IMAGE_SLOTS, j, joints[j, INTO], multiplier, 2)
+        for i in range(count):
+            image[first + i, 0], image[first + i, 1] = s[IMAGE * L + i], s[(IMAGE + 1) * L + i]
+            depth[first + i] = s[DEPTH * L + i]
+        _write(scratch, jacobian_rows, jacobian, first, count)
