@@ -23,36 +23,31 @@ class PytorchKinematicsBackend:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self._chains: dict[str, tuple[pytorch_kinematics.SerialChain | None, list[int], torch.Tensor]] = {}
+        self._chains: dict[str, tuple[pytorch_kinematics.SerialChain | None, list[int]]] = {}
 
     def pose_and_jacobian(
         self, q: Float[torch.Tensor, "batch n"], link: str
     ) -> tuple[Float[torch.Tensor, "batch 4 4"], Float[torch.Tensor, "batch 6 n"]]:
         """See :meth:`Kinematics.pose_and_jacobian`."""
         if link not in self._chains:
-            self._chains[link] = _build(self.robot, link)
-        chain, columns, fixed = self._chains[link]
+            self._chains[link] = _build(self.robot, link), moving_columns(self.robot, link)
+        chain, columns = self._chains[link]
         jacobian = q.new_zeros(len(q), 6, self.robot.n)
-        if chain is None or len(q) == 0:
-            # It knows neither chains without a moving joint nor empty batches.
-            return fixed.expand(len(q), 4, 4).clone(), jacobian
+        if chain is None:
+            return torch.eye(4, dtype=q.dtype).repeat(len(q), 1, 1), jacobian
         packed, pose = chain.jacobian_tensor(q[:, columns], ret_eef_pose=True)
         jacobian[:, :, columns] = packed
         return pose, jacobian
 
 
-def _build(robot: Robot, link: str) -> tuple[pytorch_kinematics.SerialChain | None, list[int], torch.Tensor]:
-    """The exact chain to a link (None when nothing on it moves), its columns in q, and its pose where nothing moves."""
+def _build(robot: Robot, link: str) -> pytorch_kinematics.SerialChain | None:
+    """The exact chain to a link; None for the root, as 0.10.0 fails to build a robot of one link."""
     tree = numbered_chain(robot, link)
-    columns = moving_columns(robot, link)
-    pose = torch.eye(4, dtype=torch.float64)
-    if not columns:
-        for joint in tree.joints:
-            pose = pose @ torch.from_numpy(_transforms.transform(_transforms.rpy_matrix(joint.rpy), joint.xyz))
-        return None, columns, pose
+    if not tree.joints:
+        return None
     chain = pytorch_kinematics.build_chain_from_urdf(write_core(tree).encode()).to(dtype=torch.float64)
     _make_exact(chain, tree)
-    return pytorch_kinematics.SerialChain(chain, tree.links[-1], dtype=torch.float64), columns, pose
+    return pytorch_kinematics.SerialChain(chain, tree.links[-1], dtype=torch.float64)
 
 
 def _make_exact(chain: pytorch_kinematics.chain.Chain, tree: KinematicTree) -> None:
