@@ -164,7 +164,7 @@ def test_drawing_shows_the_near_side_in_front(tmp_path):
     assert blue[100, 100]
     assert red[100, 25]
     assert not blue[100, 25]
-    # The side that is turned to viewer and the light, is drawn: twice as bright as the other.
+    # The side turned to the viewer and the light is drawn: twice as bright as the one behind.
     assert image[100, 100, 2] > 0.8 * 255
     # Orthographic: the areas are as 0.2 squared to 0.4 squared, however far the boxes are.
     assert blue.sum() / (red | blue).sum() == pytest.approx(0.25, abs=0.02)
