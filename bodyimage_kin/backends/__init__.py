@@ -27,6 +27,7 @@ _KNOWN: Mapping[str, tuple[str, str, str]] = {
         "bodyimage_kin.backends.pytorch_kinematics_backend:PytorchKinematicsBackend",
         "pip install pytorch-kinematics",
     ),
+    "mujoco": ("mujoco", "bodyimage_kin.backends.mujoco_backend:MujocoBackend", "pip install mujoco"),
 }
 
 
