@@ -30,6 +30,7 @@ PIXELS = 720
 """Pixels along the longer side of a drawing: 200 to the inch over a column."""
 
 _SUBPIXELS = 2  # along each side of a pixel, averaged for smooth outlines
+_PAIRS = 4_000  # of triangle and pixel, looked at together: few enough to stay in the processor's cache
 _LIGHT = np.array([-0.35, 0.55, 0.76])  # on the picture plane right, up, towards the viewer
 _AMBIENT = 0.45
 
@@ -142,7 +143,9 @@ def hidden(
     return covered
 
 
-def draw_surface(axes: Axes, surface: Surface, view: View, *, window: Window | None = None) -> AxesImage:
+def draw_surface(
+    axes: Axes, surface: Surface, view: View, *, window: Window | None = None, pixels: int = PIXELS
+) -> AxesImage:
     """Draw triangles on axes of equal aspect in metres, lit from the upper left.
 
     They become one image, each pixel showing the triangle nearest to the eye: spheres and cylinders that run into each
@@ -154,6 +157,7 @@ def draw_surface(axes: Axes, surface: Surface, view: View, *, window: Window | N
         surface: What to draw.
         view: Where it is seen from.
         window: What part of the picture plane to show; None for everything, with a margin.
+        pixels: Along the longer side of the drawing.
 
     Raises:
         InvalidGeometry: There is no triangle to draw.
@@ -166,11 +170,11 @@ def draw_surface(axes: Axes, surface: Surface, view: View, *, window: Window | N
         edge = 0.03 * float((high - low).max())
         window = (low[0] - edge, high[0] + edge, low[1] - edge, high[1] + edge)
     left, right, bottom, top = (float(value) for value in window)
-    scale = PIXELS * _SUBPIXELS / max(right - left, top - bottom)
+    scale = pixels * _SUBPIXELS / max(right - left, top - bottom)
     width, height = (_SUBPIXELS * max(1, round(size * scale / _SUBPIXELS)) for size in (right - left, top - bottom))
-    pixels = (flat - [left, top]) * [width / (right - left), -height / (top - bottom)]
+    corners = (flat - [left, top]) * [width / (right - left), -height / (top - bottom)]
     # Seen in perspective it is the inverse of the depth that is linear over a triangle.
-    nearest, weights = _nearest(pixels, -1 / depth if view.perspective else depth, width, height)
+    nearest, weights = _nearest(corners, -1 / depth if view.perspective else depth, width, height)
     light = _LIGHT @ (view.axes() * [[1], [1], [-1]]) / np.linalg.norm(_LIGHT)
     shade = _AMBIENT + (1 - _AMBIENT) * np.clip(surface.normals @ light, 0, 1)
     image = surface.colours[nearest] * (weights * shade[nearest]).sum(-1, keepdims=True)
@@ -229,26 +233,33 @@ def _nearest(
 
     Triangles turned away are left out.
     """
-    weights = np.zeros((height, width, 3))
-    seen = np.full((height, width), -1)
-    buffer = np.full((height, width), np.inf)
     ab, ac = pixels[:, 1] - pixels[:, 0], pixels[:, 2] - pixels[:, 0]
     area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
     # The middle of pixel k is at k + 1/2.
     low = np.ceil(np.nan_to_num(pixels.min(1)) - 0.5).clip(0).astype(int)
     high = np.floor(np.nan_to_num(pixels.max(1)) - 0.5).clip(-1, [width - 1, height - 1]).astype(int)
     # Counterclockwise becomes negative where rows run down; a corner behind the eye makes the area NaN.
-    for index in np.flatnonzero((area < -1e-12) & (low <= high).all(1)):
-        (x0, y0), (x1, y1) = low[index], high[index]
-        dx = np.arange(x0, x1 + 1) + 0.5 - pixels[index, 0, 0]
-        dy = np.arange(y0, y1 + 1)[:, None] + 0.5 - pixels[index, 0, 1]
-        u = (dx * ac[index, 1] - dy * ac[index, 0]) / area[index]
-        v = (dy * ab[index, 0] - dx * ab[index, 1]) / area[index]
-        a, b, c = depth[index]
-        at = a + u * (b - a) + v * (c - a)
-        box = slice(y0, y1 + 1), slice(x0, x1 + 1)
-        won = (u >= 0) & (v >= 0) & (u + v <= 1) & (at < buffer[box])
-        buffer[box][won] = at[won]
-        seen[box][won] = index
-        weights[box][won] = np.stack(np.broadcast_arrays(1 - u - v, u, v), axis=-1)[won]
-    return seen, weights
+    shown = np.flatnonzero((area < -1e-12) & (low <= high).all(1))
+    columns, counts = (high - low + 1)[shown, 0], (high - low + 1)[shown].prod(1)
+    seen, buffer = np.full(height * width, -1), np.full(height * width, np.inf)
+    weights = np.zeros((height * width, 3))
+    # Many triangles at a time, each with the pixels of the box around it; a bounded number of those in memory.
+    for chunk in np.split(np.arange(len(shown)), np.flatnonzero(np.diff(np.cumsum(counts) // _PAIRS)) + 1):
+        triangle, across = np.repeat(shown[chunk], counts[chunk]), np.repeat(columns[chunk], counts[chunk])
+        row, column = np.divmod(_counted(counts[chunk]), across)
+        x, y = low[triangle, 0] + column, low[triangle, 1] + row
+        dx, dy = x + 0.5 - pixels[triangle, 0, 0], y + 0.5 - pixels[triangle, 0, 1]
+        u = (dx * ac[triangle, 1] - dy * ac[triangle, 0]) / area[triangle]
+        v = (dy * ab[triangle, 0] - dx * ab[triangle, 1]) / area[triangle]
+        near = np.stack([1 - u - v, u, v], axis=-1)
+        at, pixel = (near * depth[triangle]).sum(-1), y * width + x
+        # The nearest of a pixel last: of assignments to one place the last one stays.
+        won = np.flatnonzero((near >= 0).all(-1) & (at < buffer[pixel]))
+        won = won[np.argsort(-at[won], kind="stable")]
+        buffer[pixel[won]], seen[pixel[won]], weights[pixel[won]] = at[won], triangle[won], near[won]
+    return seen.reshape(height, width), weights.reshape(height, width, 3)
+
+
+def _counted(counts: Int[np.ndarray, "runs"]) -> Int[np.ndarray, "total"]:
+    """0, 1, ... count - 1 for each count, one after the other."""
+    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
