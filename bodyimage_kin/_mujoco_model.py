@@ -31,7 +31,7 @@ _GEOMS = {
 LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-9
 """Of links that weigh nothing between two joints [kg, kg m^2]: MuJoCo moves no massless body."""
 CONTACT_TIME = 0.004
-"""Time constant of the contact's recovery [s], MuJoCo's ``solref``; twice the step is its least."""
+"""Time constant with which contacts and joint limits recover [s], MuJoCo's ``solref``; twice the step is its least."""
 
 
 @dataclass
@@ -93,13 +93,16 @@ def build(
         friction: Coefficient of the hand on the skin; 0: none.
 
     Raises:
-        InvalidConfig: A felt joint that others follow.
+        InvalidConfig: A felt joint that others follow, or that moves the skin.
         InvalidURDF: Moving links without mass, or with one that no rigid body has.
     """
     robot = body.robot.subtree(body.robot.link_names, joints=body.joints, posture=body.home)
     follower = next((joint.name for joint in robot.tree.joints if joint.mimic is not None), None)
     if follower is not None:
         raise InvalidConfig(f"dynamics: joint '{follower}' follows a felt joint; use an embodiment without such joints")
+    if any(joint.kind != "fixed" for joint in body.felt_robot.path(body.skin.link)):
+        # A target that moved with the skin would push the skin away by the force on the hand.
+        raise InvalidConfig(f"dynamics: a felt joint moves the skin's link '{body.skin.link}'; feel others only")
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
@@ -170,6 +173,7 @@ def _add_links(
                 range=[joint.lower, joint.upper] if bounded else [0.0, 0.0],
                 damping=joint_damping,
                 stiffness=rest_stiffness,
+                solref_limit=[CONTACT_TIME, 1.0],
             )
             here, place = _Body(element), np.eye(4)
             bodies.append(here)

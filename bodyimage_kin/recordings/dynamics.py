@@ -152,10 +152,11 @@ def drag(
             here = slice(begin, min(begin + chunk, steps))
             states, _ = pool.rollout(models, data, state, np.stack([one.take(here) for one in controls]), chunk_size=1)
             state = states[:, -1]
+            # MuJoCo repeats the last state where a simulation fails, and time stands still.
+            if not (np.isfinite(states).all() and np.allclose(state[:, 0], here.stop * settings.step)):
+                raise InvalidConfig(f"the dynamics diverge with drag: step={settings.step:g}; give a smaller step")
             sampled.append(states[:, every - 1 :: every, columns])
     q = np.concatenate(sampled, axis=1)
-    if not (np.isfinite(state).all() and np.isfinite(q).all()):
-        raise InvalidConfig(f"the dynamics diverge at drag: step={settings.step:g}; give a smaller one")
     return [rows[: 1 + (length - 1) // every] for rows, length in zip(q, lengths, strict=True)]
 
 
