@@ -11,7 +11,7 @@ of a million radians keeps all its digits. A prismatic joint turns by its phase 
 
 Postures are worked off in blocks of ``L`` lanes. Every quantity of a block is one row of ``L`` numbers in a flat
 scratch array, at a place known at compile time wherever possible: only then does LLVM turn the loops over lanes into
-vector instructions. Numba's disk cache does not notice other files and changed globals, so these kernels read neither.
+vector instructions. Numba's disk cache notices changes of this file only, so the kernels read nothing from another.
 """
 
 from __future__ import annotations
@@ -307,6 +307,7 @@ def pose_and_jacobian(q, constants, joints, pose_rows, jacobian_rows, pose, jaco
 @_compiled
 @no_type_check
 def _pose_blocks(q, constants, joints, pose_rows, jacobian_rows, pose, jacobian, scratch):
+    """A function of its own, as the caller keeps the scratch alive while views of it are used."""
     s = _view(scratch, 0, SLOTS * L)
     for first in range(0, q.shape[0], L):
         count = min(L, q.shape[0] - first)
@@ -379,6 +380,7 @@ def image_and_jacobian(q, hand, camera, joints, screen_distance, jacobian_rows, 
 @_compiled
 @no_type_check
 def _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian, scratch):
+    """As :func:`_pose_blocks`."""
     m = hand.shape[0] - 2
     s = _view(scratch, 0, IMAGE_SLOTS * L)
     for first in range(0, q.shape[0], L):

@@ -123,7 +123,7 @@ def angles() -> np.ndarray:
     random = np.random.default_rng(0)
     near = np.arange(-64, 65) * (math.pi / 4)
     return np.concatenate(
-        [random.uniform(-7, 7, 4000), random.uniform(-1.6e6, 1.6e6, 4000), random.uniform(-1e9, 1e9, 100), near]
+        [random.uniform(-7, 7, 4000), random.uniform(-1.6e6, 1.6e6, 4000), random.uniform(-1e14, 1e14, 100), near]
         + [np.nextafter(near, sign * np.inf) for sign in (-1, 1)]
         + [[1e6, -1.6e6, 1.6e6 + 1, 1e22, 0.0, 5e-324]]
     )
