@@ -10,11 +10,11 @@ from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
 from bodyimage_kin.report import style
+from bodyimage_kin.report._panels import scale_bar
 from bodyimage_kin.report.drawing import Surface, View, draw_surface, hidden, project, triangles
 from bodyimage_kin.report.visuals import RobotSource
 
@@ -84,7 +84,7 @@ def touching_face(
         )
         _overlay(panels[1], surface, view, skin, landmarks or {}, path, size=6)
     for letter, axes, bar in zip("ab", panels, (0.1, 0.02), strict=False):
-        _scale_bar(axes, bar)
+        scale_bar(axes, bar)
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
         if close_up:
@@ -162,12 +162,3 @@ def _overlay(
 
 def _only(line: Float[np.ndarray, "points 2"], wanted: Bool[np.ndarray, "points"]) -> Float[np.ndarray, "points 2"]:
     return np.where(wanted[:, None], line, np.nan)
-
-
-def _scale_bar(axes: Axes, length: float) -> None:
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    x, y = left + 0.03 * (right - left), bottom + 0.03 * (top - bottom)
-    axes.plot([x, x + length], [y, y], color="black", linewidth=2, solid_capstyle="butt", zorder=6)
-    text = axes.text(x + length / 2, y + 0.015 * (top - bottom), f"{length * 100:.0f} cm", ha="center", va="bottom")
-    text.set_path_effects([withStroke(linewidth=2, foreground="white")])
-    text.set_zorder(6)

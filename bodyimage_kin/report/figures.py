@@ -8,21 +8,17 @@ Nothing here computes a score, and nothing is written: that is ``style.save``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bodyimage_kin.errors import InvalidArray, InvalidConfig
+from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.report import style
+from bodyimage_kin.report._panels import ArrayLike, lattice, legend_above, letters, numbers, reference, within_one
 from bodyimage_kin.report._robot_figure import touching_face as touching_face
-
-ArrayLike: TypeAlias = Any
-"""Numpy arrays, xarray DataArrays or nested lists of numbers; their shapes are checked."""
 
 _MM = 1000.0
 _FAINT = "0.72"
@@ -51,10 +47,10 @@ def velocities(
     Raises:
         InvalidArray: Shapes that do not fit together.
     """
-    moments = _array(time, "time", None)
+    moments = numbers(time, "time", None)
     shape = (max(1, len(conditions)), len(moments), 2)
     known = {"truth": true, **estimates}
-    curves = {name: _array(_at_least_3d(value), f"velocity of {name!r}", *shape) for name, value in known.items()}
+    curves = {name: numbers(_at_least_3d(value), f"velocity of {name!r}", *shape) for name, value in known.items()}
     figure = style.new_figure(style.SINGLE_COLUMN if shape[0] == 1 else style.DOUBLE_COLUMN, 3.0)
     grid = figure.subplots(2, shape[0], sharex=True, sharey="row", squeeze=False)
     for name, look in style.appearances(curves).items():
@@ -77,8 +73,8 @@ def velocities(
         axes.set_xlabel("time [s]")
     for axes, title in zip(grid[0], conditions, strict=False):
         axes.set_title(title)
-    _letters(grid.T.flat)
-    _legend_above(figure, grid[0, 0].get_lines()[: len(curves)])
+    letters(grid.T.flat)
+    legend_above(figure, grid[0, 0].get_lines()[: len(curves)])
     return figure
 
 
@@ -102,8 +98,8 @@ def trajectories(
         InvalidArray: Shapes that do not fit together.
     """
     known = {"truth": true, **estimates}
-    paths = {name: _array(value, f"path of {name!r}", None, 2) * _MM for name, value in known.items()}
-    marks = {name: _array(place, f"landmark {name!r}", 2) * _MM for name, place in (landmarks or {}).items()}
+    paths = {name: numbers(value, f"path of {name!r}", None, 2) * _MM for name, value in known.items()}
+    marks = {name: numbers(place, f"landmark {name!r}", 2) * _MM for name, place in (landmarks or {}).items()}
     places = np.concatenate([*paths.values(), *(mark[None] for mark in marks.values())])
     breadth, depth = np.nanmax(places, axis=0) - np.nanmin(places, axis=0)
     # As tall as the paths ask for: axes of equal aspect in a figure of another shape leave it half empty.
@@ -126,7 +122,7 @@ def trajectories(
     axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     axes.margins(0.08)
     axes.invert_yaxis()
-    _legend_above(figure, handles)
+    legend_above(figure, handles)
     return figure
 
 
@@ -153,25 +149,25 @@ def map_snapshots(
         InvalidArray: Shapes that do not fit together.
         InvalidConfig: A landmark that is no taxel of the map.
     """
-    when = _array(steps, "steps", None)
+    when = numbers(steps, "steps", None)
     named = dict(maps) if isinstance(maps, Mapping) else {"": maps}
-    rows = {name: _array(value, f"maps of {name!r}", len(when), None, None, 2) * _MM for name, value in named.items()}
+    rows = {name: numbers(value, f"maps of {name!r}", len(when), None, None, 2) * _MM for name, value in named.items()}
     size = style.DOUBLE_COLUMN / max(len(when), 4)
     width = style.DOUBLE_COLUMN if len(when) >= 4 else size * len(when) + 0.4
     figure = style.new_figure(width, len(rows) * size * 1.02 + 0.6)
     grid = figure.subplots(len(rows), len(when), squeeze=False, sharex="row", sharey="row")
     for panels, (name, snapshots) in zip(grid, rows.items(), strict=True):
-        truth = None if true_map is None else _array(true_map, "true_map", *snapshots.shape[1:]) * _MM
+        truth = None if true_map is None else numbers(true_map, "true_map", *snapshots.shape[1:]) * _MM
         everything = [snapshots.reshape(-1, 2)] + ([] if truth is None else [truth.reshape(-1, 2)])
         low, high = np.nanmin(np.concatenate(everything), 0), np.nanmax(np.concatenate(everything), 0)
         edge = 0.04 * float((high - low).max())
         for axes, snapshot in zip(panels, snapshots, strict=True):
             if truth is not None:
-                _lattice(axes, truth[_sparse(truth.shape[0])][:, _sparse(truth.shape[1])], color=_FAINT, linewidth=0.7)
-            _lattice(axes, snapshot, color="0.6", linewidth=0.25)
+                lattice(axes, truth[_sparse(truth.shape[0])][:, _sparse(truth.shape[1])], color=_FAINT, linewidth=0.7)
+            lattice(axes, snapshot, color="0.6", linewidth=0.25)
             style.dots(axes, snapshot.reshape(-1, 2), size=0.9, color="0.15", zorder=3)
             for landmark, taxel in (landmarks or {}).items():
-                patch = snapshot[_within_one(landmark, taxel, snapshot.shape[:2])].reshape(-1, 2)
+                patch = snapshot[within_one(landmark, taxel, snapshot.shape[:2])].reshape(-1, 2)
                 axes.plot(*patch.T, **style.landmark(landmark), markersize=2.3, label=style.label(landmark), zorder=4)
             axes.set(xlim=(low[0] - edge, high[0] + edge), ylim=(high[1] + edge, low[1] - edge), aspect="equal")
         panels[0].set_ylabel(f"{style.label(name)}\ny [mm]" if name else "y [mm]")
@@ -184,7 +180,7 @@ def map_snapshots(
     ]
     if true_map is not None:
         handles.append(Line2D([], [], color=_FAINT, label="true places"))
-    _legend_above(figure, handles, columns=6)
+    legend_above(figure, handles, columns=6)
     return figure
 
 
@@ -212,7 +208,7 @@ def topological_error(
     Raises:
         InvalidArray: Shapes that do not fit together.
     """
-    when = _array(steps, "steps", None)
+    when = numbers(steps, "steps", None)
     quantities = [("topological error [taxels]", errors)] + ([("map span / true span", spans)] if spans else [])
     figure = style.new_figure(style.DOUBLE_COLUMN if spans else style.SINGLE_COLUMN, 2.5)
     panels = figure.subplots(1, len(quantities), squeeze=False)[0]
@@ -220,7 +216,7 @@ def topological_error(
     handles: dict[str, Line2D] = {}
     for axes, (title, series) in zip(panels, quantities, strict=True):
         for name, values in series.items():
-            seeds = _array(values, f"{title} of {name!r}", None, len(when))
+            seeds = numbers(values, f"{title} of {name!r}", None, len(when))
             mean, deviation = seeds.mean(0), seeds.std(0, ddof=1) if len(seeds) > 1 else np.zeros(len(when))
             axes.fill_between(
                 when, mean - deviation, mean + deviation, color=looks[name]["color"], alpha=0.18, linewidth=0
@@ -231,13 +227,13 @@ def topological_error(
         axes.set(xlabel="learning steps", ylabel=title)
         axes.margins(x=0.02)
     if chance is not None:
-        _reference(panels[0], float(chance), "chance")
+        reference(panels[0], float(chance), "chance")
     if spans:
-        _reference(panels[1], 1.0, "true size")
-        _letters(panels)
+        reference(panels[1], 1.0, "true size")
+        letters(panels)
     for axes in panels:
         axes.set_ylim(bottom=0)
-    _legend_above(figure, list(handles.values()))
+    legend_above(figure, list(handles.values()))
     return figure
 
 
@@ -271,14 +267,14 @@ def error_by_distance(
     panels = figure.subplots(1, len(distance), sharex=True, sharey=True, squeeze=False)[0]
     looks = style.appearances(errors)
     handles: dict[str, Any] = {}
-    places = {probe: _array(values, f"distance of probe {probe!r}", None) for probe, values in distance.items()}
+    places = {probe: numbers(values, f"distance of probe {probe!r}", None) for probe, values in distance.items()}
     reach = max(float(np.ptp(np.concatenate(list(places.values())))), 1e-12)
     for axes, (probe, place) in zip(panels, places.items(), strict=True):
         edges = np.quantile(place, np.linspace(0, 1, bins + 1))
         bin_of = np.clip(np.searchsorted(edges, place, side="right") - 1, 0, bins - 1)
         for index, (name, look) in enumerate(looks.items()):
             values = np.asarray(errors[name].get(probe, np.full(place.shape, np.nan)), dtype=float)
-            values = _array(values[None] if values.ndim == 1 else values, f"errors of {name!r}", None, len(place))
+            values = numbers(values[None] if values.ndim == 1 else values, f"errors of {name!r}", None, len(place))
             posture_median = np.nanmedian(values[:, np.isfinite(values).any(0)], axis=0)
             points = np.stack([place[np.isfinite(values).any(0)], posture_median], axis=1)
             points = points[:: 1 + len(points) // _MOST_POINTS]
@@ -306,24 +302,12 @@ def error_by_distance(
         axes.set(yscale="log", title=style.label(probe))
         axes.yaxis.set_major_formatter("{x:g}")
     for axes in panels:
-        _reference(axes, 1.0, "zero Jacobian")
+        reference(axes, 1.0, "zero Jacobian")
     panels[0].set_ylabel("relative error of the Jacobian")
     figure.supxlabel(distance_label, fontsize=8)
-    _letters(panels)
-    _legend_above(figure, list(handles.values()))
+    letters(panels)
+    legend_above(figure, list(handles.values()))
     return figure
-
-
-def _array(values: ArrayLike, name: str, *shape: int | None) -> Float[np.ndarray, "..."]:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as problem:
-        raise InvalidArray(f"{name} is no array of numbers ({problem})") from None
-    fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
-    if not fits or not array.size:
-        expected = ", ".join("any" if n is None else str(n) for n in shape)
-        raise InvalidArray(f"{name} has shape {array.shape}; give ({expected}), not empty")
-    return array
 
 
 def _at_least_3d(values: ArrayLike) -> Any:
@@ -331,39 +315,5 @@ def _at_least_3d(values: ArrayLike) -> Any:
     return array[None] if array.ndim == 2 else array
 
 
-def _within_one(name: str, taxel: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    rows, columns = shape
-    if not 0 <= taxel < rows * columns:
-        raise InvalidConfig(f"landmark {name!r} is taxel {taxel}; the map has 0 to {rows * columns - 1}")
-    row, column = divmod(int(taxel), columns)
-    return slice(max(0, row - 1), row + 2), slice(max(0, column - 1), column + 2)
-
-
 def _sparse(count: int) -> list[int]:
     return sorted({*range(0, count, max(1, count // 5)), count - 1})
-
-
-def _lattice(axes: Axes, places: Float[np.ndarray, "rows columns 2"], **look: Any) -> None:
-    for lines in (places, places.transpose(1, 0, 2)):
-        broken = np.concatenate([lines, np.full((len(lines), 1, 2), np.nan)], axis=1)
-        axes.plot(*broken.reshape(-1, 2).T, solid_joinstyle="round", **look)
-
-
-def _reference(axes: Axes, value: float, text: str) -> None:
-    axes.axhline(value, color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
-    axes.text(
-        0.99, value, text, transform=axes.get_yaxis_transform(), ha="right", va="bottom", fontsize=6.5, color="0.25"
-    )
-
-
-def _letters(panels: Iterable[Axes]) -> None:
-    for index, axes in enumerate(panels):
-        axes.set_title(f"({chr(ord('a') + index)})", loc="left")
-
-
-def _legend_above(figure: Figure, handles: Sequence[Any], columns: int | None = None) -> None:
-    if handles:
-        columns = columns or (4 if figure.get_figwidth() > style.SINGLE_COLUMN + 0.1 else 2)
-        # Rows of like length, rather than one left over.
-        columns = math.ceil(len(handles) / math.ceil(len(handles) / columns))
-        figure.legend(handles=list(handles), loc="outside upper center", ncols=columns)
