@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, pairs
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, pairs, require
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +54,20 @@ class ConstantJacobian(LearnedJacobian):
 
 @dataclass(frozen=True)
 class LeastSquares(Estimator):
-    """The constant Jacobian that minimises ``sum |dr - J dq|^2``; of all that do, the smallest (pseudoinverse)."""
+    """The constant Jacobian that minimises ``sum |dr - J dq|^2``; of all that do, the smallest (pseudoinverse).
+
+    Attributes:
+        scale: Factor of what was found. Other than one it is prior knowledge, such as the ratio of the depths at which
+            the hand was seen and will be used, which a single eye cannot know.
+    """
+
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        require(bool(np.isfinite(self.scale)), "scale", self.scale, "a finite number")
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
         data = pairs(exp)
         solution = torch.linalg.lstsq(data.dq, data.dr, driver="gelsd").solution
-        return ConstantJacobian(solution.T.contiguous())
+        return ConstantJacobian(self.scale * solution.T.contiguous())
