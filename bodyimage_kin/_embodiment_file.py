@@ -183,7 +183,7 @@ def _axes(table: _Table) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]
 def _skin(table: _Table, link: str, robot: Robot, root_T_link: torch.Tensor) -> Skin:
     shape = table.take("shape", "[rows, columns], both positive", lambda v: _is_list(v, 2, _is_count) and min(v) > 0)
     forward, right = _axes(table)
-    size = table.vector("size", 2)
+    size = table.take("size", "[height, width], both positive", lambda v: _is_list(v, 2, _is_number) and min(v) > 0)
     patch = Patch((shape[0], shape[1]), (float(size[0]), float(size[1])), table.vector("centre"), forward, right)
     landmark_table = table.table("landmarks")
     landmarks = {}

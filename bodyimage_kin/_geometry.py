@@ -120,7 +120,7 @@ def blocked(shapes: tuple[Shape, ...], starts: Points, ends: Points) -> Bool[np.
     lengths = np.linalg.norm(ends - starts, axis=1)
     for shape in shapes:
         enter, leave = shape.crossing(starts, ends - starts)
-        inside = np.minimum(leave, 1.0) - np.maximum(enter, 0.0)
+        inside = np.maximum(np.minimum(leave, 1.0) - np.maximum(enter, 0.0), 0.0)
         through |= inside * lengths > 1e-6
     return through
 

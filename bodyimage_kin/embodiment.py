@@ -129,7 +129,9 @@ class Embodiment:
         camera, root_R_camera, _ = self._camera(q)
         return (root_R_camera.transpose(-1, -2) @ (hand - camera)[..., None])[..., 0]
 
-    def hand_image(self, q: ArrayLike, on_invisible: Literal["raise", "nan"] = "raise") -> Float[Tensor, "*batch m"]:
+    def hand_image(
+        self, q: ArrayLike, on_invisible: Literal["raise", "nan"] | str = "raise"
+    ) -> Float[Tensor, "*batch m"]:
         """Where the hand is on the virtual screen [m], differentiable (equations 17 to 19).
 
         Args:
