@@ -7,10 +7,11 @@ simulates several motions at once, in threads; a motion's bits depend neither on
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -147,7 +148,7 @@ def drag(
     # The state begins with the time.
     columns = 1 + _mujoco_model.joint_columns(model)
     sampled = [state[:, None, columns]]
-    with rollout.Rollout(nthread=workers if workers > 1 else 0) as pool:
+    with _warnings_kept_quiet(), rollout.Rollout(nthread=workers if workers > 1 else 0) as pool:
         for begin in range(0, steps, chunk):
             here = slice(begin, min(begin + chunk, steps))
             states, _ = pool.rollout(models, data, state, np.stack([one.take(here) for one in controls]), chunk_size=1)
@@ -158,6 +159,17 @@ def drag(
             sampled.append(states[:, every - 1 :: every, columns])
     q = np.concatenate(sampled, axis=1)
     return [rows[: 1 + (length - 1) // every] for rows, length in zip(q, lengths, strict=True)]
+
+
+@contextlib.contextmanager
+def _warnings_kept_quiet() -> Iterator[None]:
+    """Keeps MuJoCo's warnings from being printed and written to a file where the user works; time tells of failure."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def start_posture(body: Embodiment, motion: Motion) -> Float[np.ndarray, "p"]:

@@ -191,10 +191,12 @@ def many(
 
     Raises:
         UnknownName: Another kind.
-        InvalidConfig: A setting that the motion does not have; and as the motion's own function.
+        InvalidConfig: Less than one thread, or a setting that the motion does not have; and as its own function.
     """
     if kind not in _MOTIONS:
         raise UnknownName("kind of recording", kind, _MOTIONS)
+    if threads is not None and threads < 1:
+        raise InvalidConfig(f"threads={threads!r}: give a whole number of at least 1, or None")
     try:
         asked = [inspect.signature(_MOTIONS[kind]).bind(body, seed=seed, **settings) for seed in seeds]
     except TypeError as problem:

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from pathlib import Path
 
 import mujoco
@@ -16,7 +15,7 @@ from bodyimage_kin._geometry import Shape
 from bodyimage_kin._mujoco_model import joint_columns
 from bodyimage_kin._transforms import axis_angle_matrix, transform
 from bodyimage_kin.errors import InvalidConfig, InvalidURDF, UnknownName, Unreachable
-from bodyimage_kin.recordings import dynamics
+from bodyimage_kin.recordings import dynamics, simulate
 from bodyimage_kin.recordings.contacts import Contacts, find_contacts, nearest_on_shapes, touched_taxels
 from bodyimage_kin.recordings.dynamics import DragSettings, Motion, drag
 from bodyimage_kin.recordings.simulate import circle, face_tour, many, random_touch
@@ -59,7 +58,7 @@ def other_body(tmp_path, joints, change=lambda urdf: urdf):
     return bk.load_embodiment(tmp_path / "other.toml")
 
 
-# The model ------------------------------------------------------------------------------------------------------------
+# The model -----------------------------------------------------------------------------------------------------------
 
 
 def test_mujoco_and_pinocchio_agree_on_the_hand_along_a_recording(body, touch):
@@ -160,7 +159,7 @@ def test_rest_is_an_equilibrium_of_the_springs(body):
     assert data.qfrc_passive == pytest.approx([0.0, -0.005, 0.0, 0.0, 0.0], abs=1e-15)
 
 
-# The motion -----------------------------------------------------------------------------------------------------------
+# The motion ----------------------------------------------------------------------------------------------------------
 
 
 def test_the_arm_starts_on_the_path_and_follows_it(body):
@@ -212,7 +211,7 @@ def test_joints_stop_at_their_limits(body):
         assert 0.0 < beyond.max() < 1e-3, way
 
 
-# Random torques -------------------------------------------------------------------------------------------------------
+# Random torques ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("hold", [1, 5])
@@ -230,6 +229,24 @@ def test_torques_have_the_stated_distribution_and_hold(body, hold):
     assert np.abs((drawn[1:] * drawn[:-1]).mean(0)).max() < 4 * 0.01 / np.sqrt(count)
 
 
+def test_each_trial_has_torques_of_its_own_and_they_move_no_path(body, monkeypatch):
+    seen = []
+
+    def spy(body, motions, settings, **others):
+        seen.append(motions)
+        return drag(body, motions, settings, **others)
+
+    monkeypatch.setattr(simulate, "drag", spy)
+    for settings in (DragSettings(), NOISE):
+        random_touch(body, trials=2, duration=1.0, dynamics=True, drag=settings)
+    quiet, noisy = seen
+    for one, other in zip(quiet, noisy, strict=True):
+        assert np.array_equal(one.centres, other.centres)
+        assert np.array_equal(one.rest, other.rest)
+    assert not np.array_equal(*(motion.noise.standard_normal(9) for motion in noisy))
+    assert not np.array_equal(*(motion.rest for motion in noisy))
+
+
 def test_noise_excites_what_a_quiet_circle_leaves_still(body):
     quiet, noisy = (
         np.linalg.svd(np.diff(circle(body, dynamics=True, drag=settings).q.values[0], axis=0), compute_uv=False)
@@ -239,7 +256,7 @@ def test_noise_excites_what_a_quiet_circle_leaves_still(body):
     assert noisy[4] / noisy[0] > 0.1
 
 
-# The same bits --------------------------------------------------------------------------------------------------------
+# The same bits -------------------------------------------------------------------------------------------------------
 
 
 def test_threads_and_company_change_no_bit(body):
@@ -273,7 +290,7 @@ def test_many_without_dynamics_is_one_at_a_time(body):
     assert many("circle", body, []) == []
 
 
-# Contacts -------------------------------------------------------------------------------------------------------------
+# Contacts ------------------------------------------------------------------------------------------------------------
 
 TURNED = transform(axis_angle_matrix([0.6, 0.0, 0.8], 0.7), [0.01, -0.02, 0.03])
 SHAPES = [
@@ -362,7 +379,7 @@ def test_back_of_the_head_and_free_hand_touch_no_taxel(body):
     assert touched_taxels(body.skin, contacts).tolist() == [220, -1, -1]
 
 
-# Recordings and errors ------------------------------------------------------------------------------------------------
+# Recordings and errors -----------------------------------------------------------------------------------------------
 
 
 def test_recordings_tell_how_they_were_made(body, touch, tmp_path):
@@ -400,6 +417,8 @@ def test_bad_questions_are_refused(body):
         circle(body, dynamics=True, sampling=0.1001)
     with pytest.raises(UnknownName, match="circle"):
         many("circel", body, [0])
+    with pytest.raises(InvalidConfig, match="threads"):
+        many("circle", body, [0], threads=0)
     with pytest.raises(InvalidConfig, match="duration"):
         many("circle", body, [0], duration=3.0)
 
@@ -419,8 +438,12 @@ def test_robots_that_cannot_be_dragged_are_refused(tmp_path):
         build(weightless)
 
 
-def test_a_simulation_that_diverges_says_so(body, tmp_path, monkeypatch):
+@pytest.mark.parametrize("trials", [1, 3])
+def test_a_simulation_that_diverges_says_so_and_leaves_no_log(body, trials, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
+    unstable = DragSettings(stiffness=1e8, step=0.01, torque_hold=0.01)
     with pytest.raises(InvalidConfig, match="step"):
-        circle(body, dynamics=True, turns=0.1, drag=DragSettings(stiffness=1e8, step=0.01, torque_hold=0.01))
-    shutil.rmtree(tmp_path)
+        circle(body, trials=trials, dynamics=True, turns=0.1, drag=unstable)
+    assert not list(tmp_path.iterdir())
+    assert not capfd.readouterr().err
+    assert mujoco.get_mju_user_warning() is None
