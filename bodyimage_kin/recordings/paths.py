@@ -63,7 +63,7 @@ def circle(
     centre = body.touch_centres([middle], distance)[0].numpy()
     way = 2 * np.pi * turns
     duration = way * radius / speed
-    times = np.arange(0.0, 2 * duration + sampling / 2, sampling)
+    times = np.arange(0.0, 2 * duration + 1e-9, sampling)
     angle = rng.uniform(0, 2 * np.pi) + np.where(times <= duration, times, 2 * duration - times) * speed / radius
     # Clockwise first, as the eye behind the screen sees it: right, then down.
     aside = np.cos(angle)[:, None] * patch.right + np.sin(angle)[:, None] * patch.down
