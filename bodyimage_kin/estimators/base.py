@@ -28,6 +28,8 @@ from bodyimage_kin._files import atomic_path, write_text
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidRecording
 from bodyimage_kin.recordings.schema import check
 
+_FORMAT = {"format": "bodyimage_kin learned Jacobian", "version": 1}
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pairs:
@@ -136,8 +138,7 @@ class LearnedJacobian(abc.ABC):
         place.mkdir(parents=True, exist_ok=True)
         with atomic_path(place / "learned.safetensors") as temporary:
             save_file(arrays, str(temporary))
-        description = {"format": "bodyimage_kin learned Jacobian", "version": 1, "kind": self.kind}
-        write_text(place / "learned.json", json.dumps(description, indent=2) + "\n")
+        write_text(place / "learned.json", json.dumps({**_FORMAT, "kind": self.kind}, indent=2) + "\n")
 
 
 class Estimator(abc.ABC):
@@ -175,6 +176,11 @@ def check_many(experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> None:
         raise InvalidConfig(f"fit_many got {len(experiences)} experiences and {len(seeds)} seeds; give one seed each")
 
 
+def is_count(value: object, least: int) -> bool:
+    """Whether a field is a whole number of at least this (a bool is none)."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= least
+
+
 def require(condition: bool, field: str, value: object, wanted: str) -> None:
     """Raises InvalidConfig naming a field of a spec, unless the condition holds."""
     if not condition:
@@ -191,7 +197,10 @@ def load_arrays(folder: str | os.PathLike[str]) -> tuple[str, dict[str, Any]]:
     try:
         description = json.loads((place / "learned.json").read_text(encoding="utf-8"))
         kind = str(description["kind"])
+        form = {field: description.get(field) for field in _FORMAT}
         arrays = load_file(str(place / "learned.safetensors"))
     except (OSError, ValueError, KeyError, TypeError, SafetensorError) as problem:
         raise InvalidConfig(f"'{folder}' holds no learned Jacobian: {problem}") from None
+    if form != _FORMAT:
+        raise InvalidConfig(f"'{folder}' holds no learned Jacobian that this version reads: it is of {form}")
     return kind, arrays

@@ -6,6 +6,7 @@ rate 0.2, 200 steps (500 with noise). The posture is no input.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, pairs, require
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, is_count, pairs, require
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +95,9 @@ class PaperMLP(Estimator):
     steps: int = 200
 
     def __post_init__(self) -> None:
-        require(isinstance(self.hidden, int) and self.hidden > 0, "hidden", self.hidden, "a positive whole number")
-        require(self.learning_rate > 0, "learning_rate", self.learning_rate, "a positive number")
-        require(isinstance(self.steps, int) and self.steps >= 0, "steps", self.steps, "a whole number of at least 0")
+        require(is_count(self.hidden, 1), "hidden", self.hidden, "a positive whole number")
+        require(0 < self.learning_rate < math.inf, "learning_rate", self.learning_rate, "a positive number")
+        require(is_count(self.steps, 0), "steps", self.steps, "a whole number of at least 0")
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> DisplacementNetwork:
         """Learns from an experience; the seed draws the first weights. See :meth:`Estimator.fit`."""
