@@ -1,0 +1,300 @@
+"""Laws of recordings without dynamics: where the hand goes, what is felt and what is true."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+import bodyimage_kin as bk
+from bodyimage_kin.errors import InvalidConfig, UnknownName, Unreachable
+from bodyimage_kin.recordings import check, paths, schema
+
+SHORT = {"circle": {"turns": 0.25}, "face_tour": {"landmarks": ["nose", "mouth"]}, "random_touch": {"duration": 3.0}}
+KINDS = tuple(SHORT)
+
+
+def simulate(body, kind, **settings):
+    return getattr(bk.simulate, kind)(body, **{**SHORT[kind], **settings})
+
+
+def in_skin(body, rec, trial=0):
+    """The hand's centre in the skin's link, from true postures."""
+    q = rec.true_q.values[trial]
+    return body.hand_in_skin(q[np.isfinite(q).all(1)]).numpy()
+
+
+def speeds(centres, sampling=0.1):
+    return np.linalg.norm(np.diff(centres, axis=0), axis=1) / sampling
+
+
+# Paths ----------------------------------------------------------------------------------------------------------------
+
+
+def test_the_circle_is_a_circle_in_front_of_the_face(body, circle):
+    centres = in_skin(body, circle)
+    patch = body.skin.patch
+    middle = body.touch_centres([220], 0.03)[0].numpy()
+    away = centres - middle
+    np.testing.assert_allclose(np.linalg.norm(away, axis=1), 0.05, atol=1e-9)
+    np.testing.assert_allclose(away @ patch.forward, 0.0, atol=1e-9)
+    # 3 cm in front of touching at the middle: hand radius and distance beyond the surface.
+    np.testing.assert_allclose(middle - body.skin.link_positions[220], 0.05 * patch.forward, atol=1e-12)
+
+
+def test_the_circle_goes_round_both_ways_at_constant_speed(body, circle):
+    centres = in_skin(body, circle)
+    away = centres - body.touch_centres([220], 0.03)[0].numpy()
+    angle = np.unwrap(np.arctan2(away @ body.skin.patch.down, away @ body.skin.patch.right))
+    steps = np.diff(angle)
+    turn = int(np.argmax(angle))
+    duration = 2 * np.pi * 0.05 / 0.05
+    assert circle.sizes["time"] == int(2 * duration / 0.1) + 1
+    # 0.05 m/s on a radius of 0.05 m is 1 rad/s, clockwise as the eye sees it and then back.
+    np.testing.assert_allclose(steps[: turn - 1], 0.1, atol=1e-7)
+    np.testing.assert_allclose(steps[turn + 1 :], -0.1, atol=1e-7)
+    assert angle.max() - angle[0] == pytest.approx(2 * np.pi, abs=0.1)
+    assert angle[-1] - angle[0] == pytest.approx(0.0, abs=0.1)
+    image = circle.true_hand_image.values[0, :10] - circle.true_hand_image.values[0].mean(0)
+    (x, y), (dx, dy) = image[:-1].T, np.diff(image, axis=0).T
+    assert (x * dy - y * dx > 0).all()
+
+
+def test_the_tour_visits_the_landmarks_in_order(body, tour):
+    taxels = tour.true_taxel.values[0]
+    assert (taxels >= 0).all()
+    order = [body.skin.landmarks[name] for name in bk.simulate.TOUR]
+    assert order == [body.skin.landmarks[n] for n in ("mouth", "nose", "right_eye", "left_eye", "nose")]
+    targets = body.touch_centres(order).numpy()
+    centres = in_skin(body, tour)
+    visits = [int(np.argmin(np.linalg.norm(centres - targets[0], axis=1)))]
+    for target in targets[1:]:
+        rest = np.linalg.norm(centres[visits[-1] :] - target, axis=1)
+        visits.append(visits[-1] + int(np.argmax(rest < 1.5e-3)))
+        assert rest.min() < 1.5e-3
+    assert visits[0] == 0
+    assert visits == sorted(set(visits))
+    assert not tour.at_reference.values.any()
+
+
+def test_a_stroke_of_the_tour_has_a_minimum_jerk_profile(body):
+    rec = bk.simulate.face_tour(body, landmarks=["left_eye", "right_eye"], sampling=0.02)
+    steps = speeds(in_skin(body, rec), 0.02) * 0.02
+    gone = np.concatenate([[0.0], np.cumsum(steps)])
+    # 0.05 m/s in the mean, slow at both ends: 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985).
+    target = body.touch_centres([body.skin.landmarks[name] for name in ("left_eye", "right_eye")])
+    assert gone[-1] > float((target[1] - target[0]).norm())
+    s = rec.time.values / (gone[-1] / 0.05)
+    np.testing.assert_allclose(gone / gone[-1], 10 * s**3 - 15 * s**4 + 6 * s**5, atol=5e-3)
+
+
+def test_random_touches_slide_at_constant_speed_and_rest_at_the_reference(body, touch):
+    centres = in_skin(body, touch)
+    path = speeds(centres)
+    resting = touch.at_reference.values[0]
+    assert path.max() < 0.05 * (1 + 1e-3)
+    assert np.median(path) == pytest.approx(0.05, rel=1e-3)
+    np.testing.assert_allclose(
+        centres[resting], body.touch_centres([body.skin.reference]).numpy()[[0] * resting.sum()], atol=2e-9
+    )
+    np.testing.assert_array_equal(touch.true_taxel.values[0][resting], body.skin.reference)
+    # The hand starts with a rest of 0.5 s and sets out to return at the first target after every 10 s.
+    starts = touch.time.values[np.flatnonzero(np.diff(resting.astype(int), prepend=0) == 1)]
+    assert starts[0] == 0.0
+    assert len(starts) == 3
+    assert (np.abs(starts[1:] - [10.0, 20.0]) < 3.5).all()
+    assert (starts[1:] > [10.0, 20.0]).all()
+    lengths = np.diff(np.flatnonzero(np.diff(np.pad(resting, 1).astype(int))))[::2]
+    assert set(lengths.tolist()) <= {5, 6}
+    assert touch.sizes["time"] == 300
+    assert (touch.true_taxel.values >= 0).all()
+
+
+def test_targets_are_uniform_over_all_taxels(body, monkeypatch):
+    ends = []
+    stroke = paths._Timeline.stroke
+    monkeypatch.setattr(
+        paths._Timeline, "stroke", lambda self, a, b, *rest: (ends.append(b), stroke(self, a, b, *rest))[1]
+    )
+    paths.random_touch(
+        body, np.random.default_rng(0), duration=600.0, speed=0.1, reset_interval=None, rest=0.5, sampling=0.1
+    )
+    rows, columns = np.array(ends).T
+    assert len(rows) > 500
+    for coordinate in (rows, columns):
+        assert (coordinate.min(), coordinate.max()) == (0, 20)
+        assert coordinate.mean() == pytest.approx(10, abs=0.8)
+        assert coordinate.var() == pytest.approx((21**2 - 1) / 12, rel=0.12)
+
+
+def test_without_resets_the_hand_never_returns(body):
+    rec = simulate(body, "random_touch", duration=15.0, reset_interval=None)
+    assert rec.at_reference.values[0, :6].all()
+    assert not rec.at_reference.values[0, 6:].any()
+
+
+# What is felt and what is true ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fixture", ["circle", "tour", "touch"])
+def test_the_truth_follows_from_the_true_postures(body, request, fixture):
+    rec = request.getfixturevalue(fixture)
+    q = rec.true_q.values
+    lower, upper = body.felt_robot.lower.numpy(), body.felt_robot.upper.numpy()
+    assert (q >= lower).all()
+    assert (q <= upper).all()
+    # Without noise what is felt is true.
+    np.testing.assert_array_equal(rec.q.values, q)
+    np.testing.assert_allclose(rec.true_hand_image.values, body.hand_image(q).numpy(), atol=1e-15)
+    np.testing.assert_allclose(rec.true_hand_position.values, body.hand_position(q).numpy(), atol=1e-15)
+    seen = np.isfinite(rec.hand_image.values).all(-1)
+    np.testing.assert_array_equal(seen, body.visible(q).numpy())
+    np.testing.assert_array_equal(seen, fixture == "circle")
+    np.testing.assert_array_equal(rec.true_taxel.values >= 0, fixture != "circle")
+    reference = body.hand_image(body.touch_postures([body.skin.reference]))[0].numpy()
+    np.testing.assert_allclose(rec.reference_image.values, reference, atol=1e-15)
+    # Joints move smoothly: a step of 0.1 s is a small one.
+    assert np.abs(np.diff(q, axis=1)).max() < 0.3
+
+
+def test_a_touch_is_silent_with_the_stated_probability(touch):
+    felt, true = touch.taxel.values, touch.true_taxel.values
+    silent = felt == -1
+    np.testing.assert_array_equal(felt[~silent], true[~silent])
+    # 300 samples at 0.2: within four standard deviations.
+    assert silent.mean() == pytest.approx(0.2, abs=4 * np.sqrt(0.2 * 0.8 / 300))
+
+
+@pytest.mark.parametrize(("silence", "share"), [(0.0, 0.0), (1.0, 1.0)])
+def test_all_touches_or_none_are_silent(body, silence, share):
+    assert (simulate(body, "random_touch", silence=silence).taxel.values == -1).mean() == share
+
+
+def test_attributes_and_coordinates_tell_where_it_comes_from(body, circle):
+    assert circle.sizes == {"trial": 1, "time": circle.sizes["time"], "joint": 5, "axis": 2, "space": 3}
+    assert tuple(circle.joint.values) == body.joints
+    np.testing.assert_allclose(circle.time.values, 0.1 * np.arange(circle.sizes["time"]), atol=1e-12)
+    attributes = circle.attrs
+    assert (attributes["kind"], attributes["embodiment"], attributes["sampling"]) == ("circle", "infant", 0.1)
+    assert (attributes["rows"], attributes["columns"]) == (21, 21)
+    assert attributes["urdf_sha256"] == body.robot.sha256
+    assert attributes["embodiment_sha256"] == body.sha256
+    config = json.loads(attributes["config"])
+    assert (config["turns"], config["seed"], config["radius"], config["distance"]) == (1.0, 1, 0.05, 0.03)
+    assert {"pin", "torch", "numpy"} <= set(json.loads(attributes["versions"]))
+    assert circle.q.attrs["units"] == "rad"
+    assert circle.hand_image.attrs["units"] == "m"
+    assert circle.taxel.dtype.kind == "i"
+    assert circle.at_reference.dtype == bool
+    check(circle, truth=True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(body, kind):
+    one, same, other = (simulate(body, kind, seed=seed) for seed in (3, 3, 4))
+    assert one.identical(same)
+    assert not np.array_equal(one.true_q.values[:, :10], other.true_q.values[:, :10])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_trial_is_the_same_however_many_there_are(body, kind):
+    one, three = simulate(body, kind, trials=1, seed=5), simulate(body, kind, trials=3, seed=5)
+    alone = one.sizes["time"]
+    for name in (*schema.FELT, *schema.TRUE):
+        if name != "reference_image":
+            np.testing.assert_array_equal(three[name].values[0, :alone], one[name].values[0])
+    assert not np.array_equal(three.true_q.values[0, :5], three.true_q.values[1, :5])
+
+
+def test_shorter_trials_are_padded(body, monkeypatch):
+    original, lengths = paths.circle, iter([1.0, 0.5])
+    monkeypatch.setattr(
+        paths, "circle", lambda body, rng, **kw: original(body, rng, **{**kw, "turns": kw["turns"] * next(lengths)})
+    )
+    rec = bk.simulate.circle(body, trials=2, turns=0.5)
+    short = int(2 * 0.25 * 2 * np.pi * 0.05 / 0.05 / 0.1) + 1
+    assert rec.sizes["time"] > short
+    for name in ("q", "true_q", "hand_image", "true_hand_image", "true_hand_position"):
+        assert np.isfinite(rec[name].values[0]).all()
+        assert np.isfinite(rec[name].values[1, :short]).all()
+        assert np.isnan(rec[name].values[1, short:]).all()
+    for name, filling in (("taxel", -1), ("true_taxel", -1), ("at_reference", False)):
+        assert (rec[name].values[1, short:] == filling).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_noise_changes_what_is_felt_and_nothing_else(body, kind):
+    clean = simulate(body, kind, seed=2)
+    noisy = simulate(body, kind, seed=2, encoder_noise=1e-3, image_noise=2e-4)
+    for name in (*schema.TRUE, "taxel", "at_reference", "reference_image"):
+        np.testing.assert_array_equal(noisy[name].values, clean[name].values)
+    assert np.std(noisy.q.values - noisy.true_q.values) == pytest.approx(1e-3, rel=0.2)
+    if kind == "circle":
+        assert np.std(noisy.hand_image.values - noisy.true_hand_image.values) == pytest.approx(2e-4, rel=0.25)
+    only_image = simulate(body, kind, seed=2, image_noise=2e-4)
+    np.testing.assert_array_equal(only_image.hand_image.values, noisy.hand_image.values)
+    np.testing.assert_array_equal(only_image.q.values, clean.q.values)
+
+
+def test_an_experience_has_no_truth(circle):
+    exp = bk.experience(circle)
+    assert set(exp.data_vars) == set(schema.FELT)
+    assert not [name for name in exp.variables if str(name).startswith("true")]
+    assert exp.attrs == circle.attrs
+    assert bk.experience(exp).identical(exp)
+    assert "true_q" in circle
+
+
+# What is refused ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "message"),
+    [
+        ("circle", {"radius": 0.0}, "radius=0.0: give a positive number"),
+        ("circle", {"turns": -1.0}, "turns=-1.0"),
+        ("circle", {"speed": float("nan")}, "speed=nan"),
+        ("circle", {"sampling": float("inf")}, "sampling=inf"),
+        ("circle", {"distance": -0.1}, "distance=-0.1: give a number that is not negative"),
+        ("circle", {"trials": 0}, "trials=0: give a whole number of at least 1"),
+        ("circle", {"rest_spread": -0.1}, "rest_spread=-0.1"),
+        ("circle", {"encoder_noise": -1e-3}, "encoder_noise=-0.001"),
+        ("circle", {"image_noise": float("nan")}, "image_noise=nan"),
+        ("face_tour", {"landmarks": ["nose"]}, "a tour visits two or more"),
+        ("face_tour", {"speed": 0.0}, "speed=0.0"),
+        ("random_touch", {"silence": 1.5}, "silence=1.5: give a probability, 0 to 1"),
+        ("random_touch", {"duration": 0.0}, "duration=0.0"),
+        ("random_touch", {"reset_interval": 0.0}, "reset_interval=0.0"),
+        ("random_touch", {"rest": 0.0}, "rest=0.0"),
+    ],
+)
+def test_settings_out_of_range_are_named(body, kind, settings, message):
+    with pytest.raises(InvalidConfig, match=message):
+        simulate(body, kind, **settings)
+
+
+def test_an_unknown_landmark_is_named(body):
+    with pytest.raises(UnknownName, match="no landmark 'noes'; did you mean 'nose'"):
+        bk.simulate.face_tour(body, landmarks=["noes", "mouth"])
+
+
+def test_a_circle_out_of_reach_or_out_of_sight_is_refused(body):
+    with pytest.raises(Unreachable):
+        bk.simulate.circle(body, radius=0.3, turns=0.25)
+    with pytest.raises(InvalidConfig, match=r"the eye does not see the hand in .* samples of the circle"):
+        bk.simulate.circle(body, distance=0.0, turns=0.25)
+
+
+def test_a_touch_that_is_seen_is_refused(body):
+    import dataclasses
+
+    sees = dataclasses.replace(body, camera=dataclasses.replace(body.camera, near=0.01))
+    with pytest.raises(InvalidConfig, match=r"the eye sees the hand in .* samples while it touches"):
+        simulate(sees, "random_touch")
+
+
+def test_the_state_of_the_global_generators_is_left_alone(body):
+    torch_state, numpy_state = torch.get_rng_state(), str(np.random.get_state(legacy=False))  # noqa: NPY002
+    simulate(body, "random_touch")
+    assert str(np.random.get_state(legacy=False)) == numpy_state  # noqa: NPY002
+    assert torch.equal(torch.get_rng_state(), torch_state)

@@ -1,0 +1,86 @@
+"""The public face: names, and what importing them costs."""
+
+import importlib
+import importlib.util
+import subprocess
+import sys
+
+import pytest
+
+import bodyimage_kin as bk
+
+NAMES = (
+    "BodyImage", "Embodiment", "Kinematics", "Robot", "backends", "embodiments", "errors", "estimators", "experience",
+    "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "read_recording", "report", "simulate",
+    "write_recording",
+)  # fmt: skip
+METHODS = {
+    "Robot": "from_urdf name root link_names joint_names lower upper sample subtree to_urdf sha256",
+    "RobotKinematics": "pose jacobian pose_and_jacobian hessian",
+    "Embodiment": "robot joints hand camera skin home visible"
+    "  touch_postures full_posture hand_image hand_image_jacobian",
+    "simulate": "circle face_tour random_touch",
+    "BodyImage": "learn",
+    "metrics": "jacobian_errors",
+    "estimators": "names LeastSquares PaperMLP Analytic",
+}
+
+
+def loaded_by(code):
+    """Names of the modules that are loaded once a fresh interpreter has run this."""
+    program = f"import sys\n{code}\nprint('\\n'.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    return set(done.stdout.split())
+
+
+def test_every_public_name_is_there():
+    assert set(NAMES) <= set(bk.__all__)
+    assert len(bk.__all__) == len(set(bk.__all__))
+    assert dir(bk) == sorted(bk.__all__)
+    for name in bk.__all__:
+        assert getattr(bk, name) is not None
+
+
+@pytest.mark.parametrize("owner", METHODS)
+def test_what_the_contract_promises_is_there(owner):
+    promised = getattr(bk, owner)
+    fields = set(getattr(promised, "__dataclass_fields__", ()))
+    missing = [name for name in METHODS[owner].split() if not hasattr(promised, name) and name not in fields]
+    assert not missing
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        _ = bk.nothing
+
+
+def test_backends_is_a_module_that_can_be_called():
+    assert bk.backends is importlib.import_module("bodyimage_kin.backends")
+    known = bk.backends()
+    assert {"pinocchio", "pytorch_kinematics"} <= set(known)
+    assert all(state == "installed" or state.startswith("pip install ") for state in known.values())
+
+
+@pytest.mark.parametrize("module", ["bodyimage_kin", "bodyimage_kin.errors", "bodyimage_kin.cli"])
+def test_importing_it_does_not_import_what_is_heavy(module):
+    if importlib.util.find_spec(module) is None:
+        pytest.skip(f"there is no {module} yet")
+    heavy = {"torch", "pinocchio", "pytorch_kinematics", "numba", "mujoco", "xarray", "matplotlib", "scipy"}
+    assert not heavy & loaded_by(f"import {module}")
+
+
+def test_reading_a_robot_does_not_import_a_library_of_kinematics():
+    loaded = loaded_by('import bodyimage_kin as bk; bk.Robot.from_urdf(\'<robot name="r"><link name="a"/></robot>\')')
+    assert not {"pinocchio", "pytorch_kinematics", "numba", "mujoco"} & loaded
+
+
+def test_every_error_is_one_of_ours():
+    errors = [
+        value
+        for value in vars(bk.errors).values()
+        if isinstance(value, type) and value.__module__ == bk.errors.__name__
+    ]
+    assert all(issubclass(error, bk.BodyImageKinError) for error in errors)
+    error = bk.errors.UnknownName("link", "hnad", ["hand", "head"])
+    assert str(error) == "no link 'hnad'; did you mean 'hand' or 'head'? valid: hand, head"
+    assert (error.kind, error.name, error.valid) == ("link", "hnad", ("hand", "head"))
