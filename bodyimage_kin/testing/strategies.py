@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any, Final, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, Final, TypeAlias, TypeVar
 
 from hypothesis import strategies as st
 
@@ -37,6 +37,8 @@ NAMES: Final = (
 )
 """Names that URDF allows and libraries stumble over: their own words, separators, unicode, what XML escapes."""
 
+_Item = TypeVar("_Item")
+
 # Hypothesis' own DrawFn cannot be checked at run time.
 Draw: TypeAlias = Callable[[st.SearchStrategy[Any]], Any]
 
@@ -56,6 +58,27 @@ _LIMITS = st.one_of(
     st.sampled_from([(-1.0, 1.0), (None, None), (None, 0.5), (-0.5, None), (0.2, 0.7), (-math.pi, math.pi)]),
     st.tuples(st.floats(-3.0, 0.0), st.floats(0.0, 3.0)),
 )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """All that is drawn for one joint and its child link.
+
+    It refers to other parts by how far back they are. So whatever other part shrinking takes away, this one still says
+    something: the count is not drawn beforehand, nor is an order of all.
+    """
+
+    kind: str
+    back: int
+    follows: int
+    names: tuple[str | None, str | None]
+    places: tuple[int, int]
+    xyz: Vector | None
+    rpy: Vector | None
+    axis: Vector | None
+    limits: tuple[float | None, float | None]
+    multiplier: float | None
+    offset: float | None
 
 
 @st.composite
@@ -90,18 +113,51 @@ def robots(
     """
     if not kinds or not set(kinds) <= set(KINDS):
         raise InvalidConfig(f"kinds is {tuple(kinds)}; give some of {', '.join(KINDS)}")
-    count = draw(st.integers(min_joints, max_joints))
-    links = _names(draw, "link", count + 1, weird_names)
-    names = _names(draw, "joint", count, weird_names)
+    name = st.one_of(st.none(), st.sampled_from(NAMES)) if weird_names else st.none()
+    place = st.integers(0, 3 if shuffled else 0)
+    part = st.builds(
+        _Part,
+        kind=st.sampled_from(kinds),
+        back=st.sampled_from([0, 0, 0, 0, 1, 2, 3] if branches else [0]),
+        follows=st.sampled_from([0, 1, 1, 2, 3] if mimics and draw(st.booleans()) else [0]),
+        names=st.tuples(name, name),
+        places=st.tuples(place, place),
+        xyz=st.one_of(st.none(), st.tuples(_LENGTHS, _LENGTHS, _LENGTHS)),
+        rpy=st.one_of(st.none(), st.tuples(_ANGLES, _ANGLES, _ANGLES)),
+        axis=st.one_of(st.none(), _AXES),
+        limits=_LIMITS,
+        multiplier=_MULTIPLIERS,
+        offset=_OFFSETS,
+    )
+    root, root_place = draw(name), draw(place)
+    sources_later = draw(st.booleans())
+    return _assembled(draw(st.lists(part, min_size=min_joints, max_size=max_joints)), root, root_place, sources_later)
+
+
+def _assembled(parts: list[_Part], root: str | None, root_place: int, sources_later: bool) -> RobotSpec:
+    """The robot that parts make, put in the places of the file that they ask for."""
+    links = _unlike("link", [root, *(part.names[1] for part in parts)])
+    names = _unlike("joint", [part.names[0] for part in parts])
     joints = []
-    for index, name in enumerate(names):
-        back = draw(st.integers(0, index)) if branches else 0
-        joints.append(_joint(draw, name, draw(st.sampled_from(kinds)), links[index - back], links[index + 1]))
-    if mimics:
-        joints = _with_mimics(draw, joints)
-    if shuffled:
-        return RobotSpec(tuple(draw(st.permutations(joints))), tuple(draw(st.permutations(links))))
-    return RobotSpec(tuple(joints), tuple(links))
+    for index, (name, part) in enumerate(zip(names, parts, strict=True)):
+        parent = links[max(0, index - part.back)]
+        joint = JointSpec(name, part.kind, parent, links[index + 1], part.xyz, part.rpy)
+        if part.kind != "fixed":
+            joint = replace(joint, axis=part.axis)
+        if part.kind in ("revolute", "prismatic"):
+            joint = replace(joint, lower=part.limits[0], upper=part.limits[1])
+        joints.append(joint)
+    # A joint follows one that stands before it in this order, so nobody follows in a circle.
+    moving = [index for index, part in enumerate(parts) if part.kind != "fixed"]
+    order = moving[::-1] if sources_later else moving
+    for position, index in enumerate(order):
+        part = parts[index]
+        if part.follows and position:
+            source = order[max(0, position - part.follows)]
+            joints[index] = replace(joints[index], mimic=names[source], multiplier=part.multiplier, offset=part.offset)
+    joint_places = [part.places[0] for part in parts]
+    link_places = [root_place, *(part.places[1] for part in parts)]
+    return RobotSpec(_placed(joints, joint_places), _placed(links, link_places))
 
 
 def postures(robot: RobotSpec, *, within_limits: bool = False) -> st.SearchStrategy[tuple[float, ...]]:
@@ -132,9 +188,10 @@ def cases(
         within_limits: See :func:`postures`.
     """
     robot = draw(robots)
-    # The links in order of depth, deepest first: where most can go wrong is tried most and shrunk to least.
-    deepest_first = sorted(robot.links, key=lambda link: -len(robot.path(link)))
-    return Case(robot, draw(postures(robot, within_limits=within_limits)), draw(st.sampled_from(deepest_first)))
+    # Counted from the file's end, so that shrinking may take away what stands before.
+    links = [*(joint.child for joint in reversed(robot.joints)), robot.root]
+    link = draw(st.one_of(st.just(links[0]), st.sampled_from(links)))
+    return Case(robot, draw(postures(robot, within_limits=within_limits)), link)
 
 
 def batch_shapes() -> st.SearchStrategy[tuple[int, ...]]:
@@ -142,48 +199,20 @@ def batch_shapes() -> st.SearchStrategy[tuple[int, ...]]:
     return st.sampled_from([(), (1,), (3,), (0,), (2, 3), (3, 1, 2), (2, 0), (1, 1)])
 
 
-def _names(draw: Draw, word: str, count: int, weird: bool) -> list[str]:
-    """Plain names, some of them replaced by weird ones."""
-    plain = [f"{word}{index}" for index in range(count)]
-    if not weird or not draw(st.booleans()):
-        return plain
-    chosen = draw(st.lists(st.one_of(st.none(), st.sampled_from(NAMES)), min_size=count, max_size=count))
+def _unlike(word: str, wanted: Sequence[str | None]) -> list[str]:
+    """A name for each, as wanted or plain, no two alike."""
     given: dict[str, None] = {}
-    for fallback, name in zip(plain, chosen, strict=True):
-        name = fallback if name is None else name
+    for index, name in enumerate(wanted):
+        name = f"{word}{index}" if name is None else name
         while name in given:
             name += "'"
         given[name] = None
     return list(given)
 
 
-def _joint(draw: Draw, name: str, kind: str, parent: str, child: str) -> JointSpec:
-    xyz = draw(st.one_of(st.none(), st.tuples(_LENGTHS, _LENGTHS, _LENGTHS)))
-    rpy = draw(st.one_of(st.none(), st.tuples(_ANGLES, _ANGLES, _ANGLES)))
-    joint = JointSpec(name, kind, parent, child, xyz, rpy)
-    if kind == "fixed":
-        return joint
-    joint = replace(joint, axis=draw(st.one_of(st.none(), _AXES)))
-    if kind == "continuous":
-        return joint
-    lower, upper = draw(_LIMITS)
-    return replace(joint, lower=lower, upper=upper)
-
-
-def _with_mimics(draw: Draw, joints: list[JointSpec]) -> list[JointSpec]:
-    """The joints, some of them now following others, never in a circle; in either direction along the tree."""
-    moving = [index for index, joint in enumerate(joints) if joint.kind != "fixed"]
-    if len(moving) < 2 or not draw(st.booleans()):
-        return joints
-    if draw(st.booleans()):
-        moving.reverse()
-    for position in range(1, len(moving)):
-        if draw(st.booleans()):
-            source = joints[moving[position - 1 - draw(st.integers(0, position - 1))]].name
-            multiplier, offset = draw(_MULTIPLIERS), draw(_OFFSETS)
-            follower = joints[moving[position]]
-            joints[moving[position]] = replace(follower, mimic=source, multiplier=multiplier, offset=offset)
-    return joints
+def _placed(items: Sequence[_Item], places: Sequence[int]) -> tuple[_Item, ...]:
+    """The items by place, those of one place in their own order."""
+    return tuple(item for _, item in sorted(zip(places, items, strict=True), key=lambda pair: pair[0]))
 
 
 def _joint_values(joint: JointSpec, within_limits: bool) -> st.SearchStrategy[float]:
