@@ -53,7 +53,7 @@ _UNITS = {
     "reference_image": "m",
     "true_hand_position": "m",
 }
-_PACKAGES = ("bodyimage-kin", "pin", "torch", "numpy", "scipy", "xarray")
+_PACKAGES = ("bodyimage-kin", "pin", "mujoco", "torch", "numpy", "scipy", "xarray")
 
 
 def make_recording(

@@ -1,6 +1,7 @@
 """The experiment of Fuke, Ogino and Asada (2007), with the analytic truth beside everything that is learned."""
 
 from bodyimage_kin.study.fuke2007.blindness import DOSES as DOSES
+from bodyimage_kin.study.fuke2007.blindness import FALSE_ALARMS as FALSE_ALARMS
 from bodyimage_kin.study.fuke2007.blindness import MEASURES as MEASURES
 from bodyimage_kin.study.fuke2007.blindness import Blindness as Blindness
 from bodyimage_kin.study.fuke2007.blindness import power as power
@@ -20,6 +21,7 @@ from bodyimage_kin.study.fuke2007.conditions import Motion as Motion
 from bodyimage_kin.study.fuke2007.conditions import Settings as Settings
 from bodyimage_kin.study.fuke2007.run import by_condition as by_condition
 from bodyimage_kin.study.fuke2007.run import check as check
+from bodyimage_kin.study.fuke2007.run import permuted_error as permuted_error
 from bodyimage_kin.study.fuke2007.run import run as run
 from bodyimage_kin.study.fuke2007.run import summarise as summarise
 from bodyimage_kin.study.fuke2007.run import write_summary as write_summary

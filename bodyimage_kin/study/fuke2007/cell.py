@@ -43,7 +43,7 @@ class Cell:
         tour_time: (time,) [s].
         tour_image: (time, m) true hand image on the tour [m].
         circle_position: (time, 3) true hand position on the circle, in the root [m].
-        circle_image: (time, m) its true image [m].
+        circle_q: (time, p) true postures on the circle [rad].
         distance: Probe -> (postures,) distance of the hand from the nearest seen place [m].
         excitation: (p,) how much the circle excites what touching uses, most first.
         jacobian_change: Relative change of the mean true Jacobian from the circle to the face, in the motion's metric.
@@ -59,7 +59,7 @@ class Cell:
     tour_time: Float[np.ndarray, "time"]
     tour_image: Float[np.ndarray, "time m"]
     circle_position: Float[np.ndarray, "time 3"]
-    circle_image: Float[np.ndarray, "time m"]
+    circle_q: Float[np.ndarray, "time p"]
     distance: Mapping[str, np.ndarray]
     excitation: Float[np.ndarray, "p"]
     jacobian_change: float
@@ -128,7 +128,7 @@ def _cell(scene: Scene, condition: Condition, pursued: Mapping[str, _Pursued], d
         tour_time=scene.tour["time"].values,
         tour_image=scene.tour["true_hand_image"].values[0],
         circle_position=scene.circle["true_hand_position"].values[0],
-        circle_image=scene.circle["true_hand_image"].values[0],
+        circle_q=scene.circle["true_q"].values[0],
         distance=distances(scene),
         excitation=scene.excitation.eigenvalues,
         jacobian_change=jacobian_change(scene),

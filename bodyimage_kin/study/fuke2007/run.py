@@ -71,6 +71,11 @@ def by_condition(cells: Sequence[Cell]) -> dict[str, list[Cell]]:
     return found
 
 
+def permuted_error(cells: Sequence[Cell]) -> float:
+    """Mean topological error of true Jacobians' maps with their taxels' labels permuted: what chance makes of them."""
+    return float(np.mean([cell.blindness.permuted for cell in cells if cell.blindness is not None]))
+
+
 def summarise(settings: Settings, cells: Sequence[Cell]) -> dict[str, Any]:
     """The run in numbers: means over seeds, not-a-number as None.
 

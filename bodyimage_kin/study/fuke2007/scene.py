@@ -16,7 +16,7 @@ from jaxtyping import Float
 from bodyimage_kin import metrics
 from bodyimage_kin.body_image import PostureSOM
 from bodyimage_kin.embodiment import Embodiment
-from bodyimage_kin.recordings import simulate, write_recording
+from bodyimage_kin.recordings import paths, simulate, write_recording
 from bodyimage_kin.study.fuke2007.conditions import Motion, Settings
 
 _IN_FRONT = 0.03
@@ -36,6 +36,7 @@ class Scene:
         truth: Probe -> true Jacobians.
         excitation: Of touching by the circle.
         true_map: Where a perfect map has each taxel [m].
+        loop: Postures over the landmarks and back to the first.
         posture_som: The posture map's representative postures, trained once.
         image_range: (m, 2) lowest and highest image of the hand that was ever seen [m].
     """
@@ -49,6 +50,7 @@ class Scene:
     truth: Mapping[str, np.ndarray]
     excitation: metrics.Excitation
     true_map: Float[np.ndarray, "rows columns m"]
+    loop: Float[torch.Tensor, "time p"]
     posture_som: PostureSOM
     image_range: Float[np.ndarray, "m 2"]
 
@@ -74,7 +76,8 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
         probes=probes,
         truth={probe: body.hand_image_jacobian(q).numpy() for probe, q in probes.items()},
         excitation=metrics.excitation(_displacements(circle), _displacements(touch)),
-        true_map=true_map(body),
+        true_map=body.hand_image(probes["on_face"]).numpy().reshape(*body.skin.shape, body.m),
+        loop=_closed_loop(body),
         posture_som=PostureSOM.fit(touching, (8, 8), seed),
         image_range=np.stack([np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)], axis=1),
     )
@@ -124,3 +127,11 @@ def jacobian_change(scene: Scene) -> float:
     """How much the mean true Jacobian changes from the circle to the face, in the unit metric of touching."""
     seen, touching = scene.truth["on_circle"].mean(0), scene.truth["on_face"].mean(0)
     return metrics.pooled_relative_error(touching[None], seen[None], scene.excitation.metric)
+
+
+def _closed_loop(body: Embodiment) -> Float[torch.Tensor, "time p"]:
+    """Postures over the landmarks of the face and back to the first: each place has one posture, so the loop closes."""
+    stops = [*simulate.TOUR, simulate.TOUR[0]]
+    path = paths.face_tour(body, landmarks=stops, speed=0.05, sampling=0.1)
+    postures, _ = body.reach(torch.from_numpy(path.centres))
+    return torch.cat([postures, postures[:1]])

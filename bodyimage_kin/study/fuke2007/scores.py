@@ -14,9 +14,8 @@ from jaxtyping import Float
 
 from bodyimage_kin import metrics
 from bodyimage_kin.body_image import BodyImage, expected_map, integrate
-from bodyimage_kin.embodiment import Embodiment
 from bodyimage_kin.estimators import LearnedJacobian, pairs
-from bodyimage_kin.recordings import experience, paths, simulate
+from bodyimage_kin.recordings import experience, simulate
 from bodyimage_kin.study.fuke2007.conditions import PARTS, PROBES
 from bodyimage_kin.study.fuke2007.scene import Scene
 
@@ -92,7 +91,7 @@ def score(scene: Scene, learned: LearnedJacobian, method: str = "euler") -> Scor
         foreseen = learned.displacement(q[:-1], dq).numpy()
         linear = (body.hand_image_jacobian(q[:-1]) @ dq[..., None])[..., 0].numpy()
         estimated = {probe: learned.jacobian(postures).numpy() for probe, postures in scene.probes.items()}
-        drift = torch.linalg.vector_norm(_around(learned, _closed_loop(body), method))
+        drift = torch.linalg.vector_norm(_around(learned, scene.loop, method))
     integrated = integrate(experience(tour), learned, reset="none", initial=image[0], method=method).values[0]
     velocity, estimated_velocity = np.diff(image, axis=0), np.diff(integrated, axis=0)
     W, P = scene.excitation.metric, scene.excitation.projector()
@@ -157,14 +156,6 @@ def _training_residual(scene: Scene, learned: LearnedJacobian) -> float:
     data = pairs(experience(scene.circle))
     with torch.no_grad():
         return metrics.displacement_error(learned.displacement(data.q, data.dq).numpy(), data.dr.numpy())
-
-
-def _closed_loop(body: Embodiment) -> Float[torch.Tensor, "time p"]:
-    """Postures over the landmarks of the face and back to the first: each place has one posture, so the loop closes."""
-    stops = [*simulate.TOUR, simulate.TOUR[0]]
-    path = paths.face_tour(body, landmarks=stops, speed=0.05, sampling=0.1)
-    postures, _ = body.reach(torch.from_numpy(path.centres))
-    return torch.cat([postures, postures[:1]])
 
 
 def _around(learned: LearnedJacobian, loop: Float[torch.Tensor, "time p"], method: str) -> Float[torch.Tensor, "m"]:
