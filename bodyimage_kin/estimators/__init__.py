@@ -15,9 +15,16 @@ from bodyimage_kin.estimators.least_squares import ConstantJacobian as ConstantJ
 from bodyimage_kin.estimators.least_squares import LeastSquares as LeastSquares
 from bodyimage_kin.estimators.paper_mlp import DisplacementNetwork as DisplacementNetwork
 from bodyimage_kin.estimators.paper_mlp import PaperMLP as PaperMLP
+from bodyimage_kin.estimators.rational_trig import RationalImage as RationalImage
+from bodyimage_kin.estimators.rational_trig import RationalTrig as RationalTrig
+from bodyimage_kin.estimators.ridge import Ridge as Ridge
+from bodyimage_kin.estimators.trig_ridge import TrigImage as TrigImage
+from bodyimage_kin.estimators.trig_ridge import TrigRidge as TrigRidge
 
-_SPECS: tuple[type[Estimator], ...] = (LeastSquares, PaperMLP, Analytic)
-_LEARNED: dict[str, type[LearnedJacobian]] = {kind.kind: kind for kind in (ConstantJacobian, DisplacementNetwork)}
+_SPECS: tuple[type[Estimator], ...] = (LeastSquares, Ridge, PaperMLP, TrigRidge, RationalTrig, Analytic)
+_LEARNED: dict[str, type[LearnedJacobian]] = {
+    kind.kind: kind for kind in (ConstantJacobian, DisplacementNetwork, TrigImage, RationalImage)
+}
 
 
 def names() -> tuple[str, ...]:

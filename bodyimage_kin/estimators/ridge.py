@@ -1,0 +1,69 @@
+"""One constant Jacobian, shrunk towards zero where the motion says little (Hoerl and Kennard 1970)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import xarray as xr
+from jaxtyping import Float
+from torch import Tensor
+
+from bodyimage_kin.estimators._samples import choose
+from bodyimage_kin.estimators.base import Estimator, pairs, require
+from bodyimage_kin.estimators.least_squares import ConstantJacobian
+
+
+def ridge(
+    X: Float[Tensor, "count k"], Y: Float[Tensor, "count m"], penalties: Float[Tensor, "candidates"]
+) -> Float[Tensor, "candidates k m"]:
+    """The weights that minimise ``mean |y - x W|^2 + penalty |W|^2``, for each penalty."""
+    U, strengths, V = torch.linalg.svd(X, full_matrices=False)
+    # A zero singular value with a zero penalty is 0/0: nothing is learned along it.
+    filters = strengths / (strengths**2 + penalties[:, None] * len(X))
+    smallest = float(strengths[0]) * len(X) * torch.finfo(X.dtype).eps
+    filters = torch.where(strengths > smallest, filters, 0.0)
+    return V.T @ (filters[..., None] * (U.T @ Y))
+
+
+def ridge_penalty(
+    X: Float[Tensor, "count k"], Y: Float[Tensor, "count m"], penalties: Float[Tensor, "candidates"], folds: int
+) -> float:
+    """The penalty with the smallest error on held-out arcs."""
+
+    def errors(learn: Tensor, predict: Tensor) -> Tensor:
+        return ((X[predict] @ ridge(X[learn], Y[learn], penalties) - Y[predict]) ** 2).sum((-1, -2))
+
+    return float(penalties[choose(errors, len(X), folds)])
+
+
+@dataclass(frozen=True)
+class Ridge(Estimator):
+    """The constant Jacobian that minimises ``mean |dr - J dq|^2 + penalty |J|^2``.
+
+    Attributes:
+        penalty: In the units of the data [rad^2 per step]: a direction in which the joints' mean squared displacement
+            is less than this is shrunk to less than half. None: the best of 33 on held-out arcs.
+        folds: Number of arcs of the experience, each held out once to choose the penalty.
+    """
+
+    penalty: float | None = None
+    folds: int = 5
+
+    def __post_init__(self) -> None:
+        require(
+            self.penalty is None or 0 <= self.penalty < float("inf"), "penalty", self.penalty, "at least 0, or None"
+        )
+        require(isinstance(self.folds, int) and self.folds > 1, "folds", self.folds, "a whole number of at least 2")
+
+    def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
+        """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
+        data = pairs(exp)
+        penalty = self.penalty
+        if penalty is None:
+            motion = (data.dq**2).sum(-1).mean()
+            penalty = ridge_penalty(
+                data.dq, data.dr, motion * torch.logspace(-8, 0, 33, dtype=motion.dtype), self.folds
+            )
+        candidates = torch.tensor([penalty], dtype=data.dq.dtype)
+        return ConstantJacobian(ridge(data.dq, data.dr, candidates)[0].T.contiguous())
