@@ -1,0 +1,205 @@
+"""Figures of scores: what an error is made of, what a measure can detect, and the posture map against the truth.
+
+Like ``figures``: pure functions from arrays in SI units to matplotlib figures, and nothing is computed here that a
+reader might take for a score.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from bodyimage_kin.errors import InvalidArray, InvalidConfig
+from bodyimage_kin.report import style
+from bodyimage_kin.report._panels import ArrayLike, lattice, legend_above, letters, numbers, reference
+
+_MM = 1000.0
+_PARTS: dict[str, dict[str, Any]] = {
+    "depth": {"facecolor": "#24405e", "label": "depth (one scale)"},
+    "mean_excited": {"facecolor": "#7da7c4", "hatch": "/////", "label": "mean, excited directions"},
+    "mean_unexcited": {"facecolor": "#dbe7f0", "hatch": "\\\\\\", "label": "mean, unexcited directions"},
+    "variation": {"facecolor": "#e8b04a", "label": "variation with posture"},
+}
+"""The parts of ``metrics.Attribution``, from the axis upwards; each its own lightness and hatch."""
+
+
+@style.style()
+def attribution_bars(parts: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
+    """The squared relative error of learned Jacobians as the sum of its parts (``metrics.attribute``).
+
+    Args:
+        parts: By condition and estimator, ``depth``, ``mean_excited``, ``mean_unexcited`` and ``variation``.
+
+    Returns:
+        A panel for each condition and a stacked bar for each estimator, its height the squared pooled relative error.
+        An estimator that a condition lacks has no bar there;
+        the error 1 of a Jacobian of zeros is marked where the bars come near it.
+
+    Raises:
+        InvalidConfig: No condition, no estimator, or a part that is missing or unknown.
+        InvalidArray: A part that is negative or not a number.
+    """
+    estimators = list(dict.fromkeys(name for of in parts.values() for name in of))
+    if not estimators:
+        raise InvalidConfig("parts is empty; give at least one condition with one estimator")
+    heights = {
+        condition: {name: _bar(condition, name, bar) for name, bar in of.items()} for condition, of in parts.items()
+    }
+    top = max(float(bar.sum()) for of in heights.values() for bar in of.values())
+    wide = len(parts) * len(estimators) > 4
+    figure = style.new_figure(style.DOUBLE_COLUMN if wide else style.SINGLE_COLUMN, 2.9)
+    panels = figure.subplots(1, len(parts), sharey=True, squeeze=False)[0]
+    for axes, (condition, of) in zip(panels, heights.items(), strict=True):
+        for name, bar in of.items():
+            x, bottom = estimators.index(name), 0.0
+            for (part, look), height in zip(_PARTS.items(), bar, strict=True):
+                axes.bar(x, height, 0.68, bottom, **look | {"label": part}, edgecolor="black", linewidth=0.4)
+                bottom += float(height)
+            axes.annotate(f"{bottom:.2f}", (x, bottom), (0, 2), textcoords="offset points", ha="center", fontsize=6.5)
+        axes.set_xticks(range(len(estimators)), [style.label(name) for name in estimators], rotation=30, ha="right")
+        axes.set_xlim(-0.6, len(estimators) - 0.4)
+        axes.set_title(style.label(condition))
+        axes.tick_params(axis="x", length=0)
+        if top > 0.6:
+            reference(axes, 1.0, "zero Jacobian")
+    panels[0].set_ylim(0, 1.12 * (max(top, 1.0) if top > 0.6 else max(top, 1e-3)))
+    panels[0].set_ylabel("squared relative error")
+    if len(parts) > 1:
+        letters(panels)
+    legend_above(figure, [Patch(**look, edgecolor="black", linewidth=0.4) for look in reversed(_PARTS.values())])
+    return figure
+
+
+@style.style()
+def dose_response(
+    doses: ArrayLike | Mapping[str, ArrayLike],
+    power: Mapping[str, Mapping[str, ArrayLike]],
+    *,
+    false_alarms: float | int = 0.05,
+    dose_labels: Mapping[str, str] | None = None,
+) -> Figure:
+    """The power of measures to detect a corrupted Jacobian, against how badly it is corrupted.
+
+    Args:
+        doses: (dose,) of all corruptions, or by corruption; any unit.
+        power: By corruption and measure, (dose,) the share of corrupted Jacobians that are detected; NaN leaves a gap.
+        false_alarms: The share of sound Jacobians that every measure calls corrupted.
+        dose_labels: What the dose of each corruption is, with its unit.
+
+    Returns:
+        A panel for each corruption, a line for each measure.
+
+    Raises:
+        InvalidArray: Shapes that do not fit together, or a power outside 0 to 1.
+        InvalidConfig: No corruption, one without doses, or more measures than can be told apart.
+    """
+    if not power:
+        raise InvalidConfig("power is empty; give at least one corruption")
+    columns = {1: 1, 2: 2, 4: 2}.get(len(power), 3)
+    rows = math.ceil(len(power) / columns)
+    looks = style.appearances(dict.fromkeys(name for of in power.values() for name in of))
+    figure = style.new_figure(style.DOUBLE_COLUMN if columns > 1 else style.SINGLE_COLUMN, 0.5 + 1.9 * rows)
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    handles: dict[str, Line2D] = {}
+    for axes, (corruption, of) in zip(grid.flat, power.items(), strict=False):
+        if isinstance(doses, Mapping) and corruption not in doses:
+            raise InvalidConfig(f"corruption {corruption!r} has no doses; doses are of {', '.join(doses)}")
+        dose = numbers(doses[corruption] if isinstance(doses, Mapping) else doses, f"doses of {corruption!r}", None)
+        for index, (name, values) in enumerate(of.items()):
+            curve = numbers(values, f"power of {name!r} against {corruption!r}", len(dose))
+            if ((curve < 0) | (curve > 1)).any():
+                raise InvalidArray(f"power of {name!r} against {corruption!r} is no probability; give 0 to 1")
+            # Markers of curves that coincide, as at power 1, take turns.
+            (handles[name],) = axes.plot(
+                dose, curve, **looks[name], markevery=(index % 2, 2) if len(dose) > 6 else 1, label=style.label(name)
+            )
+        if (dose > 0).all() and dose.max() > 20 * dose.min():
+            axes.set_xscale("log")
+        axes.axhline(float(false_alarms), color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
+        axes.set(ylim=(-0.03, 1.05), title=style.label(corruption), xlabel=(dose_labels or {}).get(corruption, "dose"))
+        axes.margins(x=0.04)
+    for axes in grid.flat[len(power) :]:
+        axes.remove()
+    for axes in grid[:, 0]:
+        axes.set_ylabel("power")
+    first = Line2D([], [], color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), label=f"false alarms, {false_alarms:g}")
+    letters(grid.flat[: len(power)])
+    legend_above(figure, [*handles.values(), first])
+    return figure
+
+
+@style.style()
+def posture_map(true: ArrayLike, estimates: Mapping[str, ArrayLike]) -> Figure:
+    """The images of the representative postures, learned and true (equations 14 and 15 of the paper).
+
+    Args:
+        true: (rows, columns, 2) image of the hand in each unit's posture [m]; NaN where it has none.
+        estimates: By name, (rows, columns, 2) image learned for each unit, ``BodyImage.posture_map`` [m].
+
+    Returns:
+        A panel for each name in [mm], y down, of one scale: the learned lattice over the true one, and a thin line from
+        each unit's true image to its learned one.
+
+    Raises:
+        InvalidArray: Shapes that do not fit together, or no true image at all.
+        InvalidConfig: No estimate.
+    """
+    if not estimates:
+        raise InvalidConfig("estimates is empty; give at least one posture map")
+    truth = numbers(true, "true", None, None, 2) * _MM
+    if not np.isfinite(truth).all(-1).any():
+        raise InvalidArray("no unit's posture has an image; the true posture map has no finite place")
+    maps = {name: numbers(value, f"posture map of {name!r}", *truth.shape) * _MM for name, value in estimates.items()}
+    everything = np.concatenate([places.reshape(-1, 2) for places in (truth, *maps.values())])
+    low, high = np.nanmin(everything, 0), np.nanmax(everything, 0)
+    edge = 0.06 * float((high - low).max())
+    columns = min(4, len(maps))
+    rows = math.ceil(len(maps) / columns)
+    size = min(style.DOUBLE_COLUMN / columns, style.SINGLE_COLUMN)
+    tall = float(np.clip((high - low + 2 * edge)[1] / (high - low + 2 * edge)[0], 0.4, 2.0))
+    figure = style.new_figure(
+        style.DOUBLE_COLUMN if columns > 1 else style.SINGLE_COLUMN, 0.5 + rows * ((size - 0.35) * tall + 0.5)
+    )
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    looks = style.appearances(maps)
+    for axes, (name, places) in zip(grid.flat, maps.items(), strict=False):
+        gaps = np.stack([truth, places, np.full_like(truth, np.nan)], axis=2).reshape(-1, 2)
+        axes.plot(*gaps.T, color="0.45", linewidth=0.35, zorder=2, label="error")
+        lattice(axes, truth, color="0.72", linewidth=1.0, zorder=1)
+        lattice(axes, places, color=looks[name]["color"], linewidth=0.5, zorder=3)
+        look = {"color": looks[name]["color"], "marker": looks[name]["marker"], "linestyle": "", "markersize": 2.4}
+        axes.plot(*places.reshape(-1, 2).T, **look, zorder=4, label="learned")
+        axes.set(xlim=(low[0] - edge, high[0] + edge), ylim=(high[1] + edge, low[1] - edge), aspect="equal")
+        axes.set_title(style.label(name))
+    for index, axes in enumerate(grid.flat):
+        if index >= len(maps):
+            axes.remove()
+        elif index + columns >= len(maps):
+            axes.set_xlabel("x [mm]")
+            axes.tick_params(labelbottom=True)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("y [mm]")
+    if len(maps) > 1:
+        letters(grid.flat[: len(maps)])
+    handles = [
+        Line2D([], [], color="0.72", linewidth=1.0, label="true image of each posture"),
+        Line2D([], [], color="black", linewidth=0.5, marker="o", markersize=2.4, label="learned image"),
+        Line2D([], [], color="0.45", linewidth=0.35, label="from true to learned"),
+    ]
+    legend_above(figure, handles, columns=3 if columns > 1 else 1)
+    return figure
+
+
+def _bar(condition: str, name: str, parts: Mapping[str, float]) -> Any:
+    if set(parts) != set(_PARTS):
+        raise InvalidConfig(f"{name!r} in {condition!r} has parts {', '.join(parts)}; give {', '.join(_PARTS)}")
+    heights = numbers([parts[part] for part in _PARTS], f"parts of {name!r} in {condition!r}", len(_PARTS))
+    if not (heights >= 0).all():
+        raise InvalidArray(f"a part of {name!r} in {condition!r} is negative or not a number; leave that bar out")
+    return heights
