@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import torch
@@ -19,11 +19,14 @@ from torch import Tensor
 
 from bodyimage_kin import _geometry, _reach
 from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures
-from bodyimage_kin.backends import RobotKinematics
+from bodyimage_kin.backends import RobotKinematics, somebody_differentiates
 from bodyimage_kin.camera import Camera
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, NotVisible, UnknownName, Unreachable
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.skin import Skin
+
+if TYPE_CHECKING:
+    from bodyimage_kin.backends.numba_backend import HandImage
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,9 +147,18 @@ class Embodiment:
         """
         if on_invisible not in ("raise", "nan"):
             raise InvalidConfig(f"on_invisible={on_invisible!r}; valid: 'raise', 'nan'")
+        q = as_postures(q, self.p)
+        if (seen := self._seen(q)) is not None:
+            image, depth, _ = seen
+            behind = depth <= 0.0
+            if not bool(behind.any()):
+                return image
+            if on_invisible == "raise":
+                self._refuse_behind(depth)
+            return image.masked_fill(behind[..., None], torch.nan)
         point = self.hand_in_camera(q)
         if on_invisible == "raise":
-            self._refuse_behind(point)
+            self._refuse_behind(point[..., 2])
         return self.camera.project(point)
 
     def hand_image_jacobian(self, q: ArrayLike) -> Float[Tensor, "*batch m p"]:
@@ -164,12 +176,16 @@ class Embodiment:
             InvalidPosture: As in :meth:`hand_image`.
         """
         q = as_postures(q, self.p)
+        if (seen := self._seen(q)) is not None:
+            _, depth, jacobian = seen
+            self._refuse_behind(depth)
+            return jacobian
         hand, _, hand_jacobian = self._point(q, self.hand.link, self.hand.offset)
         camera, root_R_camera, camera_jacobian = self._camera(q)
         away = hand - camera
         camera_R_root = root_R_camera.transpose(-1, -2)
         point = (camera_R_root @ away[..., None])[..., 0]
-        self._refuse_behind(point)
+        self._refuse_behind(point[..., 2])
         linear, angular = camera_jacobian[..., :3, :], camera_jacobian[..., 3:, :]
         turned = torch.linalg.cross(away[..., None].expand_as(angular), angular, dim=-2)
         moved = camera_R_root @ (hand_jacobian[..., :3, :] - linear + turned)
@@ -292,8 +308,33 @@ class Embodiment:
         position, rotation, jacobian = self._point(q, self.camera.link, self.camera.link_T_camera[:3, 3])
         return position, rotation @ self.camera.link_T_camera[:3, :3].to(rotation), jacobian
 
-    def _refuse_behind(self, point: Float[Tensor, "*batch 3"]) -> None:
-        behind = point[..., 2] <= 0.0
+    @cached_property
+    def _sight(self) -> HandImage | None:
+        """What computes image, depth and image Jacobian in one go, where the backend has such a thing."""
+        backend: Any = self.kinematics.backend
+        if not hasattr(backend, "hand_image") or backend.robot is not self.felt_robot:
+            return None
+        return backend.hand_image(
+            self.hand.link,
+            self.hand.offset.tolist(),
+            self.camera.link,
+            self.camera.link_T_camera.numpy(),
+            self.camera.screen_distance,
+        )
+
+    def _seen(
+        self, q: Float[Tensor, "*batch p"]
+    ) -> tuple[Float[Tensor, "*batch m"], Float[Tensor, "*batch"], Float[Tensor, "*batch m p"]] | None:
+        """Image, depth [m] and image Jacobian of the hand in one go, where nobody differentiates them."""
+        if self._sight is None or not q.is_cpu or somebody_differentiates(q):
+            return None
+        flat = q.detach().reshape(-1, self.p).to(torch.float64)
+        image, depth, jacobian = (part.to(q.dtype) for part in self._sight.image_and_jacobian(flat))
+        batch = q.shape[:-1]
+        return image.reshape(*batch, self.m), depth.reshape(batch), jacobian.reshape(*batch, self.m, self.p)
+
+    def _refuse_behind(self, depth: Float[Tensor, "*batch"]) -> None:
+        behind = depth <= 0.0
         if bool(behind.any()):
             raise NotVisible(
                 f"the hand is behind the camera plane in {int(behind.sum())} of {behind.numel()} postures and has no "

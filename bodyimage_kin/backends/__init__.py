@@ -1,7 +1,7 @@
 """Independent kinematics libraries behind one protocol.
 
-``kinematics(robot, "pinocchio")`` gives the oracle, ``"pytorch_kinematics"`` the differentiable twin. A backend has one
-method, pose and Jacobian; everything else is shared (:class:`RobotKinematics`).
+``kinematics(robot)`` gives the fastest one, ``kinematics(robot, "pinocchio")`` the oracle. A backend has one method,
+pose and Jacobian; everything else is shared (:class:`RobotKinematics`).
 """
 
 from __future__ import annotations
@@ -13,14 +13,20 @@ from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
+from bodyimage_kin.backends._protocol import Abilities as Abilities
 from bodyimage_kin.backends._protocol import Kinematics as Kinematics
+from bodyimage_kin.backends._protocol import abilities as _abilities
 from bodyimage_kin.backends._shared import Reference as Reference
 from bodyimage_kin.backends._shared import RobotKinematics as RobotKinematics
+from bodyimage_kin.backends._shared import somebody_differentiates as somebody_differentiates
+from bodyimage_kin.backends.torch_backend import chain_pose as chain_pose
 from bodyimage_kin.errors import InvalidConfig, MissingDependency, UnknownName
 from bodyimage_kin.robot import Robot
 
 # Name -> (module it imports, where the class is, how to install it), fastest first.
 _KNOWN: Mapping[str, tuple[str, str, str]] = {
+    "numba": ("numba", "bodyimage_kin.backends.numba_backend:NumbaBackend", "pip install numba"),
+    "torch": ("torch", "bodyimage_kin.backends.torch_backend:TorchBackend", "pip install torch"),
     "pinocchio": ("pinocchio", "bodyimage_kin.backends.pinocchio_backend:PinocchioBackend", "pip install pin"),
     "pytorch_kinematics": (
         "pytorch_kinematics",
@@ -45,8 +51,8 @@ def kinematics(robot: Robot, backend: str | Kinematics | type | None = None) -> 
     Args:
         robot: The robot.
         backend: A name (:func:`backends` lists them), ``"package.module:Class"``, a class built as ``Class(robot)``,
-            an object that has ``pose_and_jacobian`` (built for ``robot.unfolded``), or None: the fastest
-            differentiable one installed.
+            an object that has ``pose_and_jacobian`` (built for ``robot.unfolded``, or for the robot itself if it
+            resolves followers, see :class:`Abilities`), or None: the fastest one installed.
 
     Raises:
         UnknownName: A name that is none of the known ones.
@@ -63,7 +69,9 @@ def kinematics(robot: Robot, backend: str | Kinematics | type | None = None) -> 
         name, built = type(backend).__name__, backend
     if not callable(getattr(built, "pose_and_jacobian", None)):
         raise InvalidConfig(f"backend {name!r} has no method pose_and_jacobian(q, link)")
-    return RobotKinematics(robot, built(robot.unfolded) if isinstance(built, type) else built, name)
+    if isinstance(built, type):
+        built = built(robot if _abilities(built).followers else robot.unfolded)
+    return RobotKinematics(robot, built, name)
 
 
 def _load(name: str) -> Any:

@@ -21,6 +21,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 Evaluate = Callable[[Float[Tensor, "batch n"]], tuple[Float[Tensor, "batch 4 4"], Float[Tensor, "batch 6 n"]]]
+Gradient = Callable[[Tensor, Tensor, Tensor | None, Tensor | None, Tensor], Float[Tensor, "batch n"]]
+"""The formula of :meth:`PoseAndJacobian.backward`, compiled: of pose, Jacobian, what comes in for each, and path."""
 
 
 def hessian(jacobian: Float[Tensor, "*batch 6 n"], path: Tensor) -> Float[Tensor, "*batch 6 n n"]:
@@ -51,25 +53,26 @@ class PoseAndJacobian(torch.autograd.Function):
     """Pose and Jacobian by any backend, differentiable to any order, under ``vmap``, ``jacrev`` and ``jacfwd``."""
 
     @staticmethod
-    def forward(q: Tensor, path: Tensor, evaluate: Evaluate) -> tuple[Tensor, Tensor]:
+    def forward(q: Tensor, path: Tensor, evaluate: Evaluate, gradient: Gradient | None) -> tuple[Tensor, Tensor]:
         """The backend's own values, for q (batch, n)."""
         return evaluate(q)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor]) -> None:
         """Pose and Jacobian are all that any derivative needs."""
-        _, path, _ = inputs
+        _, ctx.path, _, ctx.gradient = inputs
         ctx.set_materialize_grads(False)
-        ctx.path = path
         ctx.n = inputs[0].shape[-1]
         ctx.save_for_backward(*output)
         ctx.save_for_forward(*output)
 
     @staticmethod
-    def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, None, None]:
+    def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, None, None, None]:
         """Gradient of q, in time linear in the path's length."""
         pose, jacobian = ctx.saved_tensors
         of_pose, of_jacobian = gradients
+        if ctx.gradient is not None and _is_last(jacobian):
+            return ctx.gradient(pose, jacobian, of_pose, of_jacobian, ctx.path), None, None, None
         columns = jacobian[..., ctx.path]
         v, w = columns[..., :3, :], columns[..., 3:, :]
         on_path = torch.zeros_like(v[..., 0, :])
@@ -86,7 +89,7 @@ class PoseAndJacobian(torch.autograd.Function):
             before = moved.cumsum(-1) - moved
             on_path = on_path + (w * after).sum(-2) + (v * before).sum(-2)
         spread = torch.zeros(*on_path.shape[:-1], ctx.n, dtype=on_path.dtype, device=on_path.device)
-        return spread.index_copy(-1, ctx.path, on_path), None, None
+        return spread.index_copy(-1, ctx.path, on_path), None, None, None
 
     @staticmethod
     def jvp(ctx: Any, *tangents: Any) -> tuple[Tensor, Tensor]:
@@ -109,16 +112,16 @@ class PoseAndJacobian(torch.autograd.Function):
         return d_pose, d_jacobian
 
     @staticmethod
-    def vmap(info: Any, in_dims: Any, q: Tensor, path: Tensor, evaluate: Evaluate) -> Any:
+    def vmap(info: Any, in_dims: Any, q: Tensor, path: Tensor, evaluate: Evaluate, gradient: Gradient | None) -> Any:
         """A mapped axis is one more batch axis."""
         q = q.movedim(in_dims[0], 0)
-        pose, jacobian = pose_and_jacobian(q.reshape(-1, q.shape[-1]), path, evaluate)
+        pose, jacobian = pose_and_jacobian(q.reshape(-1, q.shape[-1]), path, evaluate, gradient)
         batch = q.shape[:-1]
         return (pose.reshape(*batch, 4, 4), jacobian.reshape(*batch, *jacobian.shape[-2:])), (0, 0)
 
 
 def pose_and_jacobian(
-    q: Float[Tensor, "batch n"], path: Tensor, evaluate: Evaluate
+    q: Float[Tensor, "batch n"], path: Tensor, evaluate: Evaluate, gradient: Gradient | None = None
 ) -> tuple[Float[Tensor, "batch 4 4"], Float[Tensor, "batch 6 n"]]:
     """The backend's pose and Jacobian, differentiable.
 
@@ -126,9 +129,21 @@ def pose_and_jacobian(
         q: Postures.
         path: Indices of the joints on the path to the link, root first.
         evaluate: The backend.
+        gradient: Its own formula for backward, used when nobody differentiates that again.
     """
-    pose, jacobian = PoseAndJacobian.apply(q, path, evaluate)  # type: ignore[no-untyped-call]
+    pose, jacobian = PoseAndJacobian.apply(q, path, evaluate, gradient)  # type: ignore[no-untyped-call]
     return pose, jacobian
+
+
+def _is_last(jacobian: Tensor) -> bool:
+    """Whether a gradient is wanted as mere numbers, and by the formula that compiled code knows."""
+    return (
+        jacobian.dtype == torch.float64
+        and jacobian.is_cpu
+        and not torch.is_grad_enabled()
+        and torch.autograd.forward_ad._current_level < 0
+        and torch._C._functorch.peek_interpreter_stack() is None
+    )
 
 
 def _sum_from(terms: Float[Tensor, "*batch 3 p"]) -> Float[Tensor, "*batch 3 p"]:

@@ -46,6 +46,7 @@ SLOT = 6
 
 # pi/2 in two parts (Cody and Waite 1980): the first has so few bits that its multiples up to 2**20 are exact.
 _LARGEST_ANGLE = 1.6e6
+_LARGEST_NUMBER = 1.7976931348623157e308
 _TWO_OVER_PI, _QUARTER, _QUARTER_REST = 0.63661977236758134308, 1.57079632673412561417, 6.07710050650619224932e-11
 # Adding and subtracting it rounds to the nearest integer.
 _ROUND = 6755399441055744.0
@@ -54,6 +55,11 @@ _S1, _S2, _S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.9841
 _S4, _S5, _S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
 _C1, _C2, _C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
 _C4, _C5, _C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
+
+# Rows of the scratch of a gradient: rotation and its gradient (by columns), the position's gradient, their torque, a
+# running sum, zeros, what nobody needs; then a slot a joint: v, w, the gradients of both, the gradient of its angle.
+TURN, OF_TURN, OF_ORIGIN, TORQUE, SUM, NONE, NOBODY, GRADIENT_SLOTS = 0, 9, 18, 21, 24, 27, 28, 29
+GRADIENT_SLOT, OF_ANGLE = 13, 12
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -89,6 +95,18 @@ def _view(typing, array, start, size):
         return view._getvalue()
 
     return flat(array, types.intp, types.intp), generate
+
+
+@_compiled
+@no_type_check
+def _not_finite(q, first, count):
+    """How many values of these postures are NaN or infinite."""
+    n = q.shape[1]
+    values = _view(q, first * n, count * n)
+    found = 0
+    for i in range(count * n):
+        found += not (abs(values[i]) <= _LARGEST_NUMBER)
+    return found
 
 
 @_compiled
@@ -219,40 +237,57 @@ def _fold(scratch, slots, j, into, multiplier, rows):
             w[i] += v[i]
 
 
-@intrinsic
 @no_type_check
-def _transpose_8x8(typing, scratch, rows, row, lane, target, at, stride):
-    """Eight lanes of the eight scratch rows that begin at rows[row] and so on: into target from ``at`` on.
+def _transposed(builder, values):
+    """Eight vectors of eight, rows for columns: the off-diagonal blocks of 1x1, 2x2, then 4x4 are swapped."""
+    values = list(values)
+    for width in (1, 2, 4):
+        lows = [k if not k & width else 8 + k - width for k in range(8)]
+        highs = [k + width if not k & width else 8 + k for k in range(8)]
+        masks = [ir.Constant(ir.VectorType(ir.IntType(32), 8), mask) for mask in (lows, highs)]
+        for i in range(8):
+            if not i & width:
+                pair = values[i], values[i + width]
+                values[i], values[i + width] = (builder.shuffle_vector(*pair, mask) for mask in masks)
+    return values
 
-    Left to the compiler these 64 numbers move one by one, and writing results is most of a kernel's time.
+
+@no_type_check
+def _moves_8x8(into_scratch):
+    """An intrinsic that moves eight lanes of eight scratch rows to or from an array of structures.
+
+    The rows begin at rows[row] and so on; the array's numbers are at ``at`` and so on, ``stride`` apart from lane to
+    lane. Left to the compiler these 64 numbers move one by one, and moving them is most of a kernel's time.
     """
 
-    def generate(context, builder, signature, arguments):
-        def data(index):
-            return context.make_array(signature.args[index])(context, builder, arguments[index]).data
+    @intrinsic
+    @no_type_check
+    def move(typing, scratch, rows, row, lane, array, at, stride):
+        def generate(context, builder, signature, arguments):
+            def data(index):
+                return context.make_array(signature.args[index])(context, builder, arguments[index]).data
 
-        vector, integer = ir.VectorType(ir.DoubleType(), 8), ir.IntType(64)
-        values = []
-        for i in range(8):
-            begin = builder.load(builder.gep(data(1), [builder.add(arguments[2], integer(i))]))
-            source = builder.gep(data(0), [builder.add(begin, arguments[3])])
-            values.append(builder.load(builder.bitcast(source, vector.as_pointer()), align=8))
-        # Swap the off-diagonal blocks of 1x1, 2x2, then 4x4.
-        for width in (1, 2, 4):
-            lows = [k if not k & width else 8 + k - width for k in range(8)]
-            highs = [k + width if not k & width else 8 + k for k in range(8)]
-            masks = [ir.Constant(ir.VectorType(ir.IntType(32), 8), mask) for mask in (lows, highs)]
+            vector, integer = ir.VectorType(ir.DoubleType(), 8).as_pointer(), ir.IntType(64)
+            in_scratch, in_array = [], []
             for i in range(8):
-                if not i & width:
-                    pair = values[i], values[i + width]
-                    values[i], values[i + width] = (builder.shuffle_vector(*pair, mask) for mask in masks)
-        for i in range(8):
-            place = builder.gep(data(4), [builder.add(arguments[5], builder.mul(arguments[6], integer(i)))])
-            builder.store(values[i], builder.bitcast(place, vector.as_pointer()), align=8)
-        return context.get_dummy_value()
+                begin = builder.load(builder.gep(data(1), [builder.add(arguments[2], integer(i))]))
+                in_scratch.append(builder.gep(data(0), [builder.add(begin, arguments[3])]))
+                in_array.append(
+                    builder.gep(data(4), [builder.add(arguments[5], builder.mul(arguments[6], integer(i)))])
+                )
+            sources, targets = (in_array, in_scratch) if into_scratch else (in_scratch, in_array)
+            values = [builder.load(builder.bitcast(place, vector), align=8) for place in sources]
+            for value, place in zip(_transposed(builder, values), targets, strict=True):
+                builder.store(value, builder.bitcast(place, vector), align=8)
+            return context.get_dummy_value()
 
-    integer = types.int64
-    return types.void(scratch, rows, integer, integer, target, integer, integer), generate
+        integer = types.int64
+        return types.void(scratch, rows, integer, integer, array, integer, integer), generate
+
+    return move
+
+
+_write_8x8, _read_8x8 = _moves_8x8(into_scratch=False), _moves_8x8(into_scratch=True)
 
 
 @_compiled
@@ -267,11 +302,29 @@ def _write(scratch, rows, target, first, count):
         while row < size:
             # The last eight rows may overlap the eight before: some numbers are written twice.
             row = min(row, size - 8)
-            _transpose_8x8(scratch, rows, row, lane, flat, (first + lane) * size + row, size)
+            _write_8x8(scratch, rows, row, lane, flat, (first + lane) * size + row, size)
             row += 8
     for lane in range(whole, count):
         for row in range(size):
             flat[(first + lane) * size + row] = scratch[rows[row] + lane]
+
+
+@_compiled
+@no_type_check
+def _read(scratch, rows, source, first, count):
+    """The way back of :func:`_write`; several of the rows may be one, for what nobody needs."""
+    size = rows.shape[0]
+    flat = _view(source, 0, source.size)
+    whole = count - count % 8 if size >= 8 else 0
+    for lane in range(0, whole, 8):
+        row = 0
+        while row < size:
+            row = min(row, size - 8)
+            _read_8x8(scratch, rows, row, lane, flat, (first + lane) * size + row, size)
+            row += 8
+    for lane in range(whole, count):
+        for row in range(size):
+            scratch[rows[row] + lane] = flat[(first + lane) * size + row]
 
 
 @_compiled
@@ -298,8 +351,11 @@ def pose_and_jacobian(q, constants, joints, pose_rows, jacobian_rows, pose, jaco
         jacobian_rows: (6 n,) likewise.
         pose: Written.
         jacobian: Written.
+
+    Returns:
+        How many values of q are NaN or infinite, in whatever columns.
     """
-    _pose_blocks(
+    return _pose_blocks(
         q, constants, joints, pose_rows, jacobian_rows, pose, jacobian, _scratch(SLOTS + SLOT * joints.shape[0])
     )
 
@@ -309,14 +365,17 @@ def pose_and_jacobian(q, constants, joints, pose_rows, jacobian_rows, pose, jaco
 def _pose_blocks(q, constants, joints, pose_rows, jacobian_rows, pose, jacobian, scratch):
     """A function of its own, as the caller keeps the scratch alive while views of it are used."""
     s = _view(scratch, 0, SLOTS * L)
+    not_finite = 0
     for first in range(0, q.shape[0], L):
         count = min(L, q.shape[0] - first)
+        not_finite += _not_finite(q, first, count)
         _run(q, first, count, constants, joints, scratch, SLOTS)
         _write(scratch, pose_rows, pose, first, count)
         for j in range(joints.shape[0]):
             _column(s, _view(scratch, (SLOTS + SLOT * j) * L, SLOT * L), joints[j, PRISMATIC])
             _fold(scratch, SLOTS, j, joints[j, INTO], constants[j + 1, MULTIPLIER], SLOT)
         _write(scratch, jacobian_rows, jacobian, first, count)
+    return not_finite
 
 
 @_compiled
@@ -372,9 +431,12 @@ def image_and_jacobian(q, hand, camera, joints, screen_distance, jacobian_rows, 
         image: Written [m on the screen].
         depth: Written [m]; the image means nothing where it is not positive.
         jacobian: Written.
+
+    Returns:
+        How many values of q are NaN or infinite, in whatever columns.
     """
     scratch = _scratch(IMAGE_SLOTS + SLOT * joints.shape[0])
-    _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian, scratch)
+    return _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian, scratch)
 
 
 @_compiled
@@ -383,8 +445,10 @@ def _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image
     """As :func:`_pose_blocks`."""
     m = hand.shape[0] - 2
     s = _view(scratch, 0, IMAGE_SLOTS * L)
+    not_finite = 0
     for first in range(0, q.shape[0], L):
         count = min(L, q.shape[0] - first)
+        not_finite += _not_finite(q, first, count)
         _run(q, first, count, camera, joints[m:], scratch, IMAGE_SLOTS + SLOT * m)
         for i in range((ORIGIN + 3) * L):
             s[CAMERA * L + i] = s[i]
@@ -400,3 +464,114 @@ def _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image
             image[first + i, 0], image[first + i, 1] = s[IMAGE * L + i], s[(IMAGE + 1) * L + i]
             depth[first + i] = s[DEPTH * L + i]
         _write(scratch, jacobian_rows, jacobian, first, count)
+    return not_finite
+
+
+@_compiled
+@no_type_check
+def gradient(pose, jacobian, of_pose, of_jacobian, pose_rows, of_pose_rows, jacobian_rows, result_rows, count, result):
+    """What a gradient of pose and Jacobian makes of q (B, n), written; float64, C-contiguous, nothing is checked.
+
+    Args:
+        pose: (B, 4, 4).
+        jacobian: (B, 6, n), local_world_aligned.
+        of_pose: Gradient of the pose, (B, 4, 4), or (0, 4, 4): none.
+        of_jacobian: Gradient of the Jacobian, (B, 6, n), or (0, 6, n): none.
+        pose_rows: (16,) where in the scratch the rows begin into which a pose goes.
+        of_pose_rows: (16,) likewise.
+        jacobian_rows: (2, 6 n) likewise, for the Jacobian and its gradient.
+        result_rows: (n,) likewise, for the result.
+        count: How many joints are on the path.
+        result: Written.
+    """
+    scratch = _scratch(GRADIENT_SLOTS + GRADIENT_SLOT * count)
+    scratch[NONE * L : (NONE + 1) * L] = 0.0
+    _gradient_blocks(
+        pose,
+        jacobian,
+        of_pose,
+        of_jacobian,
+        pose_rows,
+        of_pose_rows,
+        jacobian_rows,
+        result_rows,
+        count,
+        result,
+        scratch,
+    )
+
+
+@_compiled
+@no_type_check
+def _gradient_blocks(
+    pose, jacobian, of_pose, of_jacobian, pose_rows, of_pose_rows, jacobian_rows, result_rows, joints, result, scratch
+):
+    """As :func:`_pose_blocks`."""
+    batch = result.shape[0]
+    s = _view(scratch, 0, GRADIENT_SLOTS * L)
+    for first in range(0, batch, L):
+        count = min(L, batch - first)
+        _read(scratch, jacobian_rows[0], jacobian, first, count)
+        for i in range(6 * L):
+            s[TORQUE * L + i] = 0.0
+        if of_pose.shape[0] > 0:
+            _read(scratch, pose_rows, pose, first, count)
+            _read(scratch, of_pose_rows, of_pose, first, count)
+            for c in range(3):
+                x = _view(scratch, (TURN + 3 * c) * L, 3 * L)
+                g = _view(scratch, (OF_TURN + 3 * c) * L, 3 * L)
+                _add_cross(_view(scratch, TORQUE * L, 3 * L), x, g)
+            for j in range(joints):
+                slot = (GRADIENT_SLOTS + GRADIENT_SLOT * j) * L
+                angle = _view(scratch, slot + OF_ANGLE * L, L)
+                _set_dot(angle, _view(scratch, slot, 3 * L), _view(scratch, OF_ORIGIN * L, 3 * L))
+                _add_dot(angle, _view(scratch, slot + 3 * L, 3 * L), _view(scratch, TORQUE * L, 3 * L))
+        else:
+            for j in range(joints):
+                angle = _view(scratch, (GRADIENT_SLOTS + GRADIENT_SLOT * j + OF_ANGLE) * L, L)
+                for i in range(L):
+                    angle[i] = 0.0
+        if of_jacobian.shape[0] > 0:
+            _read(scratch, jacobian_rows[1], of_jacobian, first, count)
+            total = _view(scratch, SUM * L, 3 * L)
+            for j in range(joints):
+                slot = (GRADIENT_SLOTS + GRADIENT_SLOT * j) * L
+                w, g = _view(scratch, slot + 3 * L, 3 * L), _view(scratch, slot + 6 * L, 3 * L)
+                _add_dot(_view(scratch, slot + OF_ANGLE * L, L), _view(scratch, slot, 3 * L), total)
+                _add_cross(total, g, w)
+            for i in range(3 * L):
+                total[i] = 0.0
+            for j in range(joints - 1, -1, -1):
+                slot = (GRADIENT_SLOTS + GRADIENT_SLOT * j) * L
+                v, w = _view(scratch, slot, 3 * L), _view(scratch, slot + 3 * L, 3 * L)
+                _add_cross(total, v, _view(scratch, slot + 6 * L, 3 * L))
+                _add_dot(_view(scratch, slot + OF_ANGLE * L, L), w, total)
+                _add_cross(total, w, _view(scratch, slot + 9 * L, 3 * L))
+        _write(scratch, result_rows, result, first, count)
+
+
+@_compiled
+@no_type_check
+def _add_cross(total, a, b):
+    """Total += a x b, three rows each."""
+    for i in range(L):
+        a0, a1, a2, b0, b1, b2 = a[i], a[L + i], a[2 * L + i], b[i], b[L + i], b[2 * L + i]
+        total[i] += a1 * b2 - a2 * b1
+        total[L + i] += a2 * b0 - a0 * b2
+        total[2 * L + i] += a0 * b1 - a1 * b0
+
+
+@_compiled
+@no_type_check
+def _set_dot(total, a, b):
+    """Total = a . b, of three rows each."""
+    for i in range(L):
+        total[i] = a[i] * b[i] + a[L + i] * b[L + i] + a[2 * L + i] * b[2 * L + i]
+
+
+@_compiled
+@no_type_check
+def _add_dot(total, a, b):
+    """Total += a . b."""
+    for i in range(L):
+        total[i] += a[i] * b[i] + a[L + i] * b[L + i] + a[2 * L + i] * b[2 * L + i]

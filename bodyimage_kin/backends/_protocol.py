@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -34,6 +34,28 @@ class Kinematics(Protocol):
             [m/rad] then angular [rad/rad]; columns of joints off the path are zero.
         """
         ...
+
+
+class Abilities(NamedTuple):
+    """What a backend does beyond the protocol. It says so in an attribute ``abilities``; none is needed."""
+
+    followers: bool = False
+    """It resolves followers itself, and so is built for the robot as it is. For derivatives along a path on which a
+    joint follows another, one more is built, for ``robot.unfolded``."""
+    out: bool = False
+    """``pose_and_jacobian`` takes ``out=(pose, jacobian)``, float64, contiguous and of the right shapes."""
+    finite: bool = False
+    """It refuses postures that are not finite itself."""
+    devices: bool = False
+    """It computes on the device of q; there, unlike on the CPU, q is given in its own dtype."""
+    gradient: bool = False
+    """It has ``gradient(pose, jacobian, of_pose, of_jacobian, path)``, the formula of ``PoseAndJacobian.backward`` for
+    float64 on the CPU; contiguous tensors, None for what has no gradient."""
+
+
+def abilities(backend: object) -> Abilities:
+    """What a backend says of itself."""
+    return getattr(backend, "abilities", Abilities())
 
 
 def numbered_chain(robot: Robot, link: str) -> KinematicTree:

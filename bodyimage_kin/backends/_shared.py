@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, get_args
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import torch
 from jaxtyping import Float
@@ -10,38 +12,48 @@ from torch import Tensor
 
 from bodyimage_kin._arrays import ArrayLike, as_postures, refuse_not_finite
 from bodyimage_kin.backends import _derivatives
-from bodyimage_kin.backends._protocol import Kinematics, moving_columns
-from bodyimage_kin.errors import InvalidConfig, UnsupportedDevice
+from bodyimage_kin.backends._protocol import Kinematics, abilities, moving_columns
+from bodyimage_kin.errors import InvalidArray, InvalidConfig, NotDifferentiable, UnsupportedDevice
 from bodyimage_kin.robot import Robot
 
 Reference = Literal["local_world_aligned", "local", "world"]
+Out: TypeAlias = Any
+"""A pair of tensors (pose, jacobian) to write into; checked at run time by our own typed errors."""
 
 
 class _Path(NamedTuple):
     """What the shared code has to know about the way to a link."""
 
     link: str
+    as_it_is: bool
+    """Whether the backend takes the robot's own postures; if not, the unfolded robot's."""
     columns: Tensor
-    """Indices in the unfolded posture, root first."""
-    folding: Tensor | None
-    """(unfolded, n) when a joint of the path follows another, else None."""
+    """Indices of the path's joints, root first, in the postures by which derivatives are taken: the robot's own if
+    nothing needs unfolding for them, else the unfolded robot's."""
+    unfolded: Kinematics | None
+    """What computes for the unfolded robot when derivatives need that, else None."""
 
 
 class RobotKinematics:
     """Forward kinematics, Jacobians and their derivatives of one robot, computed by one backend.
 
     Every method takes postures ``q`` of any batch shape, ``(*batch, n)``, as tensor, array or list (lists become
-    float64), and gives tensors of the dtype and on the device of ``q``, differentiable to any order.
+    float64), and gives tensors of the dtype and on the device of ``q``, differentiable to any order. On the CPU float32
+    postures are computed in float64 and rounded once, at the end; other devices compute in the dtype of ``q``.
 
     Attributes:
         robot: Whose kinematics these are.
-        backend: The object that computes pose and Jacobian, built for ``robot.unfolded``.
+        backend: The object that computes pose and Jacobian, built for ``robot.unfolded``, or for the robot itself if it
+            resolves followers (:class:`Abilities`).
         name: The backend's name.
     """
 
     def __init__(self, robot: Robot, backend: Kinematics, name: str) -> None:
         self.robot, self.backend, self.name = robot, backend, name
+        self._n = robot.n
+        self._able = abilities(backend)
         self._paths: dict[str, _Path] = {}
+        self._unfolded_backend: Kinematics | None = None
 
     def __repr__(self) -> str:
         return f"RobotKinematics({self.robot.name!r}, backend={self.name!r})"
@@ -89,22 +101,36 @@ class RobotKinematics:
         return torch.cat([linear + torch.linalg.cross(position, angular, dim=-2), angular], dim=-2)
 
     def pose_and_jacobian(
-        self, q: ArrayLike, link: str
+        self, q: ArrayLike, link: str, out: Out = None
     ) -> tuple[Float[Tensor, "*batch 4 4"], Float[Tensor, "*batch 6 n"]]:
         """Both at the cost of one: root_T_link and the Jacobian in ``local_world_aligned``.
 
         Args:
             q: Postures ``(*batch, n)`` [rad or m].
             link: Name of the link.
+            out: Pose and Jacobian to write into and to give back, contiguous, of the shapes of the result and of the
+                dtype and on the device of ``q``; None: new tensors. For large batches most of the time goes into fresh
+                memory. What they hold after an error is undefined.
 
         Raises:
+            InvalidArray: An ``out`` that cannot hold the result.
+            NotDifferentiable: An ``out``, and postures that require a gradient.
             InvalidPosture: As in :meth:`pose`, and so for the other errors.
         """
-        path = self._path(link)
-        pose, unfolded = self._unfolded(q, path)
-        if path.folding is None:
-            return pose, unfolded
-        return pose, unfolded @ path.folding.to(unfolded)
+        path = self._paths.get(link) or self._path(link)
+        q = self._checked(q)
+        if out is None:
+            if somebody_differentiates(q):
+                return self._differentiable(q, path)
+        else:
+            self._check_out(q, out)
+        if path.as_it_is:
+            return self._evaluate(self.backend, q, link, out)
+        pose, jacobian = self._evaluate(self.backend, self._unfold(q), link)
+        jacobian = jacobian @ self.robot.folding[0].to(jacobian)
+        if out is not None:
+            pose, jacobian = out[0].copy_(pose), out[1].copy_(jacobian)
+        return pose, jacobian
 
     def hessian(self, q: ArrayLike, link: str) -> Float[Tensor, "*batch 6 n n"]:
         """Derivative of the Jacobian: ``[..., i, k] = d jacobian(q, link)[..., i] / d q[k]``, ``local_world_aligned``.
@@ -116,55 +142,109 @@ class RobotKinematics:
         Raises:
             InvalidPosture: As in :meth:`pose`, and so for the other errors.
         """
-        path = self._path(link)
-        hessian = _derivatives.hessian(self._unfolded(q, path)[1], path.columns)
-        if path.folding is None:
+        path = self._paths.get(link) or self._path(link)
+        q = self._checked(q)
+        hessian = _derivatives.hessian(self._differentiable(q, path, fold=False)[1], path.columns.to(q.device))
+        if path.unfolded is None:
             return hessian
-        fold = path.folding.to(hessian)
+        fold = self.robot.folding[0].to(hessian)
         return fold.T @ hessian @ fold
 
-    def _unfolded(self, q: ArrayLike, path: _Path) -> tuple[Tensor, Tensor]:
-        """Pose, and one column for each joint of the unfolded robot."""
-        q = as_postures(q, self.robot.n)
-        if q.device.type != "cpu":
+    def _checked(self, q: ArrayLike) -> Tensor:
+        q = as_postures(q, self._n)
+        if not q.is_cpu and (q.is_meta or not self._able.devices):
             raise UnsupportedDevice(
-                f"posture q is on '{q.device}', and backend '{self.name}' computes on the CPU; "
-                "move it there yourself: q.cpu()"
+                f"posture q is on '{q.device}', and backend '{self.name}' "
+                f"{'needs values' if q.is_meta else 'computes on the CPU'}; move it there yourself: q.cpu()"
             )
-        if path.folding is not None:
-            matrix, offset = self.robot.folding
-            q = q @ matrix.to(q).T + offset.to(q)
-        batch = q.shape[:-1]
+        return q
+
+    def _check_out(self, q: Tensor, out: Out) -> None:
+        if q.requires_grad and torch.is_grad_enabled():
+            raise NotDifferentiable("what is written into out= carries no gradient; leave it out, or give q.detach()")
+        shapes = (*q.shape[:-1], 4, 4), (*q.shape[:-1], 6, self._n)
+        if not (
+            isinstance(out, tuple | list)
+            and len(out) == 2
+            and all(
+                isinstance(tensor, Tensor)
+                and tensor.shape == shape
+                and tensor.dtype == q.dtype
+                and tensor.device == q.device
+                and tensor.is_contiguous()
+                and not tensor.requires_grad
+                for tensor, shape in zip(out, shapes, strict=True)
+            )
+        ):
+            raise InvalidArray(
+                f"out must be (pose, jacobian), contiguous tensors of shapes {shapes[0]} and {shapes[1]}, of the dtype "
+                f"and on the device of q ({str(q.dtype).removeprefix('torch.')}, {q.device}), without a gradient"
+            )
+
+    def _unfold(self, q: Tensor) -> Tensor:
+        matrix, offset = self.robot.folding
+        return q @ matrix.to(q).T + offset.to(q)
+
+    def _evaluate(self, backend: Kinematics, q: Tensor, link: str, out: Out = None) -> tuple[Tensor, Tensor]:
+        """The backend's values. Few operations: with one posture each one counts."""
+        if q.requires_grad:
+            q = q.detach()
         # Not -1: a robot in which nothing moves has postures without values.
+        flat = q if q.ndim == 2 else q.reshape(q.shape[:-1].numel(), q.shape[-1])
+        if not self._able.finite:
+            refuse_not_finite(flat)
+        convert = q.dtype is not torch.float64 and q.is_cpu
+        flat = (flat.to(torch.float64) if convert else flat).contiguous()
+        if out is not None and self._able.out and not convert and q.is_cpu:
+            views = out[0].view(-1, 4, 4), out[1].view(len(flat), 6, q.shape[-1])
+            backend.pose_and_jacobian(flat, link, out=views)  # type: ignore[call-arg]
+            return out[0], out[1]
+        pose, jacobian = backend.pose_and_jacobian(flat, link)
+        if convert:
+            pose, jacobian = pose.to(q.dtype), jacobian.to(q.dtype)
+        if q.ndim != 2:
+            pose, jacobian = pose.reshape(*q.shape[:-1], 4, 4), jacobian.reshape(*q.shape[:-1], 6, q.shape[-1])
+        if out is not None:
+            return out[0].copy_(pose), out[1].copy_(jacobian)
+        return pose, jacobian
+
+    def _differentiable(self, q: Tensor, path: _Path, fold: bool = True) -> tuple[Tensor, Tensor]:
+        """Pose and Jacobian with all their derivatives; with ``fold=False`` a column for each unfolded joint."""
+        backend = path.unfolded or self.backend
+        if path.unfolded is not None:
+            q = self._unfold(q)
+        batch = q.shape[:-1]
         flat = q.reshape(batch.numel(), q.shape[-1])
-
-        def evaluate(values: Tensor) -> tuple[Tensor, Tensor]:
-            values = values.detach()
-            refuse_not_finite(values)
-            # float32 postures are computed in float64 and rounded once, at the end.
-            pose, jacobian = self.backend.pose_and_jacobian(values.to(torch.float64).contiguous(), path.link)
-            return pose.to(values.dtype), jacobian.to(values.dtype)
-
-        if _nobody_differentiates(flat):
-            pose, jacobian = evaluate(flat)
-        else:
-            pose, jacobian = _derivatives.pose_and_jacobian(flat, path.columns, evaluate)
-        return pose.reshape(*batch, 4, 4), jacobian.reshape(*batch, 6, q.shape[-1])
+        evaluate = partial(self._evaluate, backend, link=path.link)
+        gradient: Callable[..., Tensor] | None = getattr(backend, "gradient", None) if self._able.gradient else None
+        pose, jacobian = _derivatives.pose_and_jacobian(flat, path.columns.to(q.device), evaluate, gradient)
+        pose, jacobian = pose.reshape(*batch, 4, 4), jacobian.reshape(*batch, 6, q.shape[-1])
+        if fold and path.unfolded is not None:
+            jacobian = jacobian @ self.robot.folding[0].to(jacobian)
+        return pose, jacobian
 
     def _path(self, link: str) -> _Path:
-        if (path := self._paths.get(link)) is None:
-            self.robot.check_link(link)
-            unfolded = self.robot.unfolded
-            columns = moving_columns(unfolded, link)
-            free = {name: index for index, name in enumerate(self.robot.joint_names)}
-            follows = any(unfolded.joint_names[column] not in free for column in columns)
-            folding = self.robot.folding[0] if follows or unfolded.n != self.robot.n else None
-            path = self._paths[link] = _Path(link, torch.tensor(columns, dtype=torch.long), folding)
+        robot, unfolded = self.robot, self.robot.unfolded
+        robot.check_link(link)
+        free = unfolded is robot or (self._able.followers and all(joint.mimic is None for joint in robot.path(link)))
+        columns = torch.tensor(moving_columns(robot if free else unfolded, link), dtype=torch.long)
+        other = None if free else self._for_unfolded()
+        path = self._paths[link] = _Path(link, free or self._able.followers, columns, other)
         return path
 
+    def _for_unfolded(self) -> Kinematics:
+        if not self._able.followers:
+            return self.backend
+        if self._unfolded_backend is None:
+            # The protocol says that a backend is built from a robot alone.
+            self._unfolded_backend = type(self.backend)(self.robot.unfolded)  # type: ignore[call-arg]
+        return self._unfolded_backend
 
-def _nobody_differentiates(q: Tensor) -> bool:
-    """Whether autograd's bookkeeping can be spared: no backward, no forward mode, no transform of ``torch.func``."""
-    backward = q.requires_grad and torch.is_grad_enabled()
-    forward = torch.autograd.forward_ad._current_level >= 0
-    return not (backward or forward or torch._C._functorch.peek_interpreter_stack() is not None)
+
+def somebody_differentiates(q: Tensor) -> bool:
+    """Whether autograd has to know: a backward, forward mode, or a transform of ``torch.func``."""
+    return (
+        (q.requires_grad and torch.is_grad_enabled())
+        or torch.autograd.forward_ad._current_level >= 0
+        or torch._C._functorch.peek_interpreter_stack() is not None
+    )

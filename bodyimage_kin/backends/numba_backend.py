@@ -7,6 +7,7 @@ compiles anew.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -16,10 +17,13 @@ import torch
 from jaxtyping import Float, Float64, Int64
 from torch import Tensor
 
+from bodyimage_kin._arrays import refuse_not_finite
 from bodyimage_kin._transforms import Matrix3, Matrix4, rpy_matrix, transform
 from bodyimage_kin._urdf import Joint
 from bodyimage_kin.backends import _numba_kernels as kernels
-from bodyimage_kin.errors import InvalidArray, InvalidPosture
+from bodyimage_kin.backends._protocol import Abilities
+from bodyimage_kin.backends.torch_backend import TorchBackend
+from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotDifferentiable
 from bodyimage_kin.robot import Robot
 
 _POSTURES_A_THREAD = 8192
@@ -29,19 +33,26 @@ _POSTURES_A_THREAD = 8192
 class NumbaBackend:
     """Pose and Jacobian by compiled kernels, in float64, in as many threads as torch is allowed for large batches.
 
-    Joints that follow others are resolved in the chain itself: the robot need not be unfolded.
+    Joints that follow others are resolved in the chain itself: the robot need not be unfolded. Postures on another
+    device than the CPU stay there, and are worked off by :class:`TorchBackend`.
     """
+
+    abilities = Abilities(followers=True, out=True, finite=True, devices=True, gradient=True)
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         self._chains: dict[str, _LinkChain] = {}
 
+    @functools.cached_property
+    def _elsewhere(self) -> TorchBackend:
+        return TorchBackend(self.robot)
+
     def pose_and_jacobian(
         self,
-        q: Float64[Tensor, "batch n"],
+        q: Float[Tensor, "batch n"],
         link: str,
-        out: tuple[Float64[Tensor, "batch 4 4"], Float64[Tensor, "batch 6 n"]] | None = None,
-    ) -> tuple[Float64[Tensor, "batch 4 4"], Float64[Tensor, "batch 6 n"]]:
+        out: tuple[Float[Tensor, "batch 4 4"], Float[Tensor, "batch 6 n"]] | None = None,
+    ) -> tuple[Float[Tensor, "batch 4 4"], Float[Tensor, "batch 6 n"]]:
         """See :meth:`Kinematics.pose_and_jacobian`.
 
         Args:
@@ -50,9 +61,13 @@ class NumbaBackend:
             out: Pose and Jacobian to write into, contiguous; None: new tensors.
 
         Raises:
-            InvalidPosture: Another number of joints, or not float64.
+            InvalidPosture: Another number of joints, not float64, or a value that is not finite.
+            NotDifferentiable: Postures that require a gradient, which :class:`RobotKinematics` gives.
             InvalidArray: An ``out`` that cannot hold the result.
         """
+        if not q.is_cpu:
+            refuse_not_finite(q)
+            return self._elsewhere.pose_and_jacobian(q, link)
         chain = self._chains.get(link)
         if chain is None:
             chain = self._chains[link] = _LinkChain.to(self.robot, link)
@@ -60,11 +75,37 @@ class NumbaBackend:
         shapes = (len(values), 4, 4), (len(values), 6, self.robot.n)
         pose, jacobian = _outputs(shapes, out)
 
-        def run(part: slice) -> None:
-            kernels.pose_and_jacobian(values[part], *chain, pose[part], jacobian[part])
+        def run(part: slice) -> int:
+            return kernels.pose_and_jacobian(values[part], *chain, pose[part], jacobian[part])
 
-        _in_threads(run, len(values))
+        if _in_threads(run, len(values)):
+            refuse_not_finite(q)
         return out or (torch.from_numpy(pose), torch.from_numpy(jacobian))
+
+    def gradient(
+        self,
+        pose: Float64[Tensor, "batch 4 4"],
+        jacobian: Float64[Tensor, "batch 6 n"],
+        of_pose: Float64[Tensor, "batch 4 4"] | None,
+        of_jacobian: Float64[Tensor, "batch 6 n"] | None,
+        path: Tensor,
+    ) -> Float64[Tensor, "batch n"]:
+        """See :class:`Abilities`."""
+        n, joints = self.robot.n, len(path)
+        rows = _gradient_rows(tuple(path.tolist()), n)
+        arrays = [
+            (jacobian.new_empty(0, *shape) if tensor is None else tensor).contiguous().numpy()
+            for tensor, shape in ((pose, (4, 4)), (jacobian, (6, n)), (of_pose, (4, 4)), (of_jacobian, (6, n)))
+        ]
+        result = np.empty((len(jacobian), n))
+
+        def run(part: slice) -> int:
+            # Slices of what is not there are empty again.
+            kernels.gradient(*(array[part] for array in arrays), *rows, joints, result[part])
+            return 0
+
+        _in_threads(run, len(result))
+        return torch.from_numpy(result)
 
     def hand_image(
         self,
@@ -134,19 +175,21 @@ class HandImage:
             is not positive, image and Jacobian mean nothing: the caller has to look.
 
         Raises:
-            InvalidPosture: Another number of joints, or not float64.
+            InvalidPosture: Another number of joints, not float64, or a value that is not finite.
+            NotDifferentiable: Postures that require a gradient, which :class:`RobotKinematics` gives.
             InvalidArray: An ``out`` that cannot hold the result.
         """
         values = _values(q, self._n)
         batch = len(values)
         image, depth, jacobian = _outputs(((batch, 2), (batch,), (batch, 2, self._p)), out)
 
-        def run(part: slice) -> None:
-            kernels.image_and_jacobian(
+        def run(part: slice) -> int:
+            return kernels.image_and_jacobian(
                 values[part], *self._chains, self._screen_distance, self._rows, image[part], depth[part], jacobian[part]
             )
 
-        _in_threads(run, batch)
+        if _in_threads(run, batch):
+            refuse_not_finite(q)
         return out or (torch.from_numpy(image), torch.from_numpy(depth), torch.from_numpy(jacobian))
 
 
@@ -229,6 +272,22 @@ def _column_rows(
     return rows
 
 
+@functools.lru_cache
+def _gradient_rows(path: tuple[int, ...], n: int) -> tuple[np.ndarray, ...]:
+    """Where in the scratch of a gradient: a pose, its gradient, the Jacobian and its gradient, and the result."""
+    columns = 3 * np.arange(3) + np.arange(3)[:, None]
+    poses = np.full((2, 4, 4), kernels.NOBODY)
+    poses[0, :3, :3], poses[1, :3, :3] = kernels.TURN + columns, kernels.OF_TURN + columns
+    poses[1, :3, 3] = kernels.OF_ORIGIN + np.arange(3)
+    jacobians = np.full((2, 6, n), kernels.NOBODY)
+    result = np.full(n, kernels.NONE)
+    for index, column in enumerate(path):
+        slot = kernels.GRADIENT_SLOTS + kernels.GRADIENT_SLOT * index
+        jacobians[:, :, column] = slot + np.arange(12).reshape(2, 6)
+        result[column] = slot + kernels.OF_ANGLE
+    return tuple(kernels.L * rows for rows in (*poses.reshape(2, 16), jacobians.reshape(2, 6 * n), result))
+
+
 def _z_to(axis: Sequence[float]) -> Matrix3:
     """A rotation that takes z to a unit vector."""
     z = np.asarray(axis, dtype=np.float64)
@@ -256,6 +315,8 @@ def _values(q: Tensor, n: int) -> Float64[np.ndarray, "batch n"]:
     """The postures as the kernels need them: they check nothing, and would read beyond the end."""
     if q.dtype != torch.float64 or q.ndim != 2 or q.shape[1] != n:
         raise InvalidPosture(f"posture q is {q.dtype} {tuple(q.shape)}; the numba kernels take float64 (batch, {n})")
+    if q.requires_grad:
+        raise NotDifferentiable("the numba kernels keep no gradient; use bodyimage_kin.kinematics(robot), which does")
     return q.contiguous().numpy()
 
 
@@ -269,17 +330,14 @@ def _outputs(shapes: Sequence[tuple[int, ...]], out: Sequence[Tensor] | None) ->
     return [tensor.numpy() for tensor in out]
 
 
-def _in_threads(run: Callable[[slice], None], batch: int) -> None:
-    """Run the parts of a batch in threads, as many as torch is allowed; small batches in this one."""
+def _in_threads(run: Callable[[slice], int], batch: int) -> int:
+    """Run the parts of a batch in threads, as many as torch is allowed; small batches in this one. Adds the results."""
     # Plain threads, as the kernels release the interpreter: numba's own pool must not be forked, nor be shared by
     # threads where its threading layer is `workqueue`, and would have to be compiled for.
     threads = min(torch.get_num_threads(), batch // _POSTURES_A_THREAD) if batch >= 2 * _POSTURES_A_THREAD else 1
     if threads < 2:
-        run(slice(0, batch))
-        return
+        return run(slice(0, batch))
     size = -(-batch // (threads * kernels.L)) * kernels.L
     with ThreadPoolExecutor(threads - 1) as pool:
         others = [pool.submit(run, slice(first, first + size)) for first in range(size, batch, size)]
-        run(slice(0, size))
-        for other in others:
-            other.result()
+        return run(slice(0, size)) + sum(other.result() for other in others)

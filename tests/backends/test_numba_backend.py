@@ -10,7 +10,7 @@ import torch
 
 import bodyimage_kin as bk
 from bodyimage_kin._transforms import rpy_matrix, transform
-from bodyimage_kin.errors import InvalidArray, InvalidPosture, UnknownName
+from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotDifferentiable, NotVisible, UnknownName
 from tests.robots import ARM, ONE_JOINT, STATUE, TRICKY
 
 pytest.importorskip("numba")
@@ -144,13 +144,18 @@ def test_angles_of_a_million_radians_keep_their_digits_behind_fixed_turns() -> N
     assert_as_pinocchio(robot, "hand", q.double(), tolerance=1e-15)
 
 
-def test_a_posture_that_is_not_finite_spoils_only_itself() -> None:
+def test_postures_that_are_not_finite_are_refused_and_spoil_only_themselves() -> None:
     robot = bk.Robot.from_urdf(ARM)
-    q = robot.sample(20)
-    q[3, 0], q[5, 1] = math.nan, math.inf
-    pose, jacobian = NumbaBackend(robot).pose_and_jacobian(q, "hand")
-    finite = pose.isfinite().flatten(1).all(1) & jacobian.isfinite().flatten(1).all(1)
-    assert finite.tolist() == [index not in (3, 5) for index in range(20)]
+    q = robot.sample(70)
+    q[3, 0], q[5, 1], q[66, 1] = math.nan, math.inf, -math.inf
+    out = torch.zeros(70, 4, 4).double(), torch.zeros(70, 6, 2).double()
+    for link in ("hand", "base"):
+        with pytest.raises(InvalidPosture, match="in 3 of 70 postures"):
+            NumbaBackend(robot).pose_and_jacobian(q, link, out=out)
+        finite = out[0].isfinite().flatten(1).all(1) & out[1].isfinite().flatten(1).all(1)
+        assert finite.tolist() == [link == "base" or index not in (3, 5, 66) for index in range(70)]
+    with pytest.raises(InvalidPosture, match="in 3 of 70 postures"):
+        NumbaBackend(robot).hand_image("hand", [0.0] * 3, "base", np.eye(4), 0.04).image_and_jacobian(q)
 
 
 def test_out_is_written_in_place_and_refused_when_it_cannot_hold_the_result() -> None:
@@ -174,6 +179,8 @@ def test_what_the_kernels_would_misread_is_refused() -> None:
     backend = NumbaBackend(bk.Robot.from_urdf(ARM))
     with pytest.raises(InvalidPosture, match=r"take float64 \(batch, 2\)"):
         backend.pose_and_jacobian(torch.zeros(4, 3, dtype=torch.float64), "hand")
+    with pytest.raises(NotDifferentiable, match="keep no gradient"):
+        backend.pose_and_jacobian(torch.zeros(4, 2, dtype=torch.float64, requires_grad=True), "hand")
     with pytest.raises(UnknownName, match="hnad"):
         backend.pose_and_jacobian(torch.zeros(4, 2, dtype=torch.float64), "hnad")
 
@@ -281,3 +288,107 @@ def test_kernels_compile_where_nothing_can_be_cached(monkeypatch: pytest.MonkeyP
 
 def abs_of(x: float) -> float:
     return abs(x)
+
+
+@pytest.mark.parametrize("batch", [0, 1, 7, 8, 33, 70])
+@pytest.mark.parametrize("link", ["nail", "gripper", "slide", "world"])
+@pytest.mark.parametrize("parts", [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)])
+def test_the_compiled_gradient_is_that_of_the_formulas(batch: int, link: str, parts: tuple[float, float]) -> None:
+    robot = bk.Robot.from_urdf(TRICKY)
+    q = robot.sample(batch, seed=6).requires_grad_()
+    generator = torch.Generator().manual_seed(1)
+    weights = [torch.randn(batch, *shape, generator=generator).double() for shape in ((4, 4), (6, robot.n))]
+
+    def gradient(backend: str, create_graph: bool) -> torch.Tensor:
+        values = bk.kinematics(robot, backend).pose_and_jacobian(q, link)
+        chosen = [(v * w).sum() for v, w, part in zip(values, weights, parts, strict=True) if part]
+        return torch.autograd.grad(sum(chosen), q, create_graph=create_graph)[0]
+
+    expected = gradient("pinocchio", create_graph=False)
+    torch.testing.assert_close(gradient("numba", create_graph=False), expected, rtol=0, atol=1e-13)
+    torch.testing.assert_close(gradient("numba", create_graph=True), expected, rtol=0, atol=1e-13)
+
+
+def test_the_compiled_gradient_is_used_when_nobody_differentiates_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = bk.Robot.from_urdf(ARM)
+    kin = bk.kinematics(robot, "numba")
+    used = []
+    monkeypatch.setattr(kernels, "gradient", lambda *arguments: used.append(arguments[-1].fill(0.0)))
+    q = robot.sample(3).requires_grad_()
+    kin.pose(q, "hand").sum().backward()
+    assert len(used) == 1
+    torch.autograd.grad(kin.pose(q, "hand").sum(), q, create_graph=True)
+    torch.func.grad(lambda x: kin.pose(x, "hand").sum())(q.detach())
+    assert len(used) == 1
+
+
+def test_out_goes_through_the_shared_code_and_back() -> None:
+    robot = bk.Robot.from_urdf(TRICKY)
+    for backend in ("numba", "pinocchio", "torch"):
+        kin = bk.kinematics(robot, backend)
+        for batch, dtype in (
+            ((), torch.float64),
+            ((2, 3), torch.float64),
+            ((0,), torch.float64),
+            ((4,), torch.float32),
+        ):
+            q = robot.sample(batch, seed=7).to(dtype)
+            out = torch.full((*batch, 4, 4), math.nan, dtype=dtype), torch.full((*batch, 6, 4), math.nan, dtype=dtype)
+            given = kin.pose_and_jacobian(q, "nail", out=out)
+            for one, other, expected in zip(given, out, kin.pose_and_jacobian(q, "nail"), strict=True):
+                assert one is other
+                assert torch.equal(one, expected)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda pose, jacobian: (pose, jacobian[:2]),
+        lambda pose, jacobian: (pose.float(), jacobian),
+        lambda pose, jacobian: (pose, jacobian.mT.contiguous().mT),
+        lambda pose, jacobian: (pose.requires_grad_(), jacobian),
+        lambda pose, _: (pose,),
+        lambda pose, _: pose,
+        lambda pose, jacobian: (pose.numpy(), jacobian.numpy()),
+    ],
+)
+def test_out_that_cannot_hold_the_result_is_refused(spoil) -> None:
+    robot = bk.Robot.from_urdf(TRICKY)
+    kin = bk.kinematics(robot)
+    out = torch.zeros(3, 4, 4, dtype=torch.float64), torch.zeros(3, 6, 4, dtype=torch.float64)
+    with pytest.raises(InvalidArray, match=r"contiguous tensors of shapes \(3, 4, 4\) and \(3, 6, 4\)"):
+        kin.pose_and_jacobian(robot.sample(3), "nail", out=spoil(*out))
+
+
+def test_out_carries_no_gradient_and_says_so() -> None:
+    robot = bk.Robot.from_urdf(ARM)
+    kin = bk.kinematics(robot)
+    out = torch.zeros(3, 4, 4, dtype=torch.float64), torch.zeros(3, 6, 2, dtype=torch.float64)
+    q = robot.sample(3).requires_grad_()
+    with pytest.raises(NotDifferentiable, match=r"give q\.detach"):
+        kin.pose_and_jacobian(q, "hand", out=out)
+    with torch.no_grad():
+        kin.pose_and_jacobian(q, "hand", out=out)
+    assert torch.equal(out[0], kin.pose(q.detach(), "hand"))
+
+
+def test_what_the_hand_looks_like_is_what_the_formulas_say(body: bk.Embodiment) -> None:
+    plain = bk.load_embodiment("infant", backend="pinocchio")
+    assert body.kinematics.name == "numba"
+    q = plain.touch_postures([0, 100, 220, 440], distance=0.03).reshape(2, 2, -1)
+    for dtype, tolerance in ((torch.float64, 1e-14), (torch.float32, 1e-7)):
+        for function in ("hand_image", "hand_image_jacobian"):
+            actual, expected = (getattr(each, function)(q.to(dtype)) for each in (body, plain))
+            torch.testing.assert_close(actual, expected, rtol=0, atol=tolerance)
+    everywhere = body.felt_robot.sample(300)
+    seen = body.hand_image(everywhere, on_invisible="nan")
+    torch.testing.assert_close(
+        seen, plain.hand_image(everywhere, on_invisible="nan"), rtol=1e-9, atol=1e-12, equal_nan=True
+    )
+    assert 0 < int(seen.isnan().any(-1).sum()) < 300
+    for function in (body.hand_image, body.hand_image_jacobian):
+        with pytest.raises(NotVisible, match=r"in \d+ of 300 postures"):
+            function(everywhere)
+        with pytest.raises(InvalidPosture, match="1 of 1"):
+            function(torch.full((body.p,), math.nan, dtype=torch.float64))
+        assert torch.autograd.gradcheck(function, q[0].clone().requires_grad_())
