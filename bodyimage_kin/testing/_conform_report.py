@@ -37,6 +37,29 @@ thead th {{ border-bottom: 2px solid #222; }} tbody tr {{ border-bottom: 1px sol
 
 
 @dataclass(frozen=True)
+class Failure:
+    """One way in which a library breaks a law.
+
+    Attributes:
+        detail: What differs, or what is raised.
+        count: Number of cases that fail so.
+        asked: Number of cases asked.
+        case: The smallest one that fails so.
+        file: Where it was written, relative to the report.
+    """
+
+    detail: str
+    count: int
+    asked: int
+    case: Case
+    file: Path | None = None
+
+    def __str__(self) -> str:
+        place = f" -> {self.file.as_posix()}" if self.file else ""
+        return f"{self.detail} ({self.count} of {self.asked}){place}"
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What one law says of one library.
 
@@ -46,9 +69,8 @@ class Verdict:
         status: ``"passed"``, ``"failed"`` or ``"not offered"``.
         error: The largest error relative to scale; None when there is none to measure.
         bound: The largest error allowed.
-        detail: What differs, what was raised, or what is not offered.
-        case: The smallest case that fails.
-        file: Where it was written, relative to the report.
+        detail: What is not offered.
+        failures: The ways in which it is broken: wrong numbers, then what is raised.
     """
 
     backend: str
@@ -57,16 +79,14 @@ class Verdict:
     error: float | None
     bound: float
     detail: str = ""
-    case: Case | None = None
-    file: Path | None = None
+    failures: tuple[Failure, ...] = ()
 
     @property
     def cell(self) -> str:
         """The verdict in a table's cell."""
-        if self.status == "not offered":
-            return self.status
-        size = "raises" if self.error is None else f"{self.error:.1e}"
-        return f"{self.status} {size}"
+        size = "" if self.error is None else f" {self.error:.1e}"
+        raises = "" if (self.error is not None and self.error > self.bound) or not self.failures else " raises"
+        return f"{self.status}{size}{raises}"
 
 
 @dataclass(frozen=True)
@@ -116,8 +136,7 @@ class Report:
         ]
         lines.insert(1, "  ".join("-" * width for width in widths))
         for verdict in self.failures:
-            place = f" -> {verdict.file}" if verdict.file else ""
-            lines.append(f"{verdict.backend}: {verdict.law}: {verdict.detail}{place}")
+            lines += [f"{verdict.backend}: {verdict.law}: {failure}" for failure in verdict.failures]
         lines += [f"refused {name}: {reason}" for name, reason in self.refused.items()]
         return "\n".join([*lines, self.summary])
 
@@ -138,9 +157,17 @@ class Report:
                     "error": "inf" if verdict.error is not None and math.isinf(verdict.error) else verdict.error,
                     "bound": verdict.bound,
                     "detail": verdict.detail,
-                    "file": verdict.file.as_posix() if verdict.file else None,
-                    "link": verdict.case.link if verdict.case else None,
-                    "q": list(verdict.case.q) if verdict.case else None,
+                    "failures": [
+                        {
+                            "detail": failure.detail,
+                            "count": failure.count,
+                            "asked": failure.asked,
+                            "file": failure.file.as_posix() if failure.file else None,
+                            "link": failure.case.link,
+                            "q": list(failure.case.q),
+                        }
+                        for failure in verdict.failures
+                    ],
                 }
                 for verdict in self.verdicts
             ],
@@ -159,9 +186,9 @@ class Report:
         )
         failures = "".join(
             f"<h3>{html.escape(verdict.backend)}: {html.escape(verdict.law.replace('_', ' '))}</h3>"
-            f"<p>{html.escape(verdict.detail)}</p><pre>{html.escape(verdict.case.to_urdf())}</pre>"
+            f"<p>{html.escape(str(failure))}</p><pre>{html.escape(failure.case.to_urdf())}</pre>"
             for verdict in self.failures
-            if verdict.case is not None
+            for failure in verdict.failures
         )
         refused = "".join(f"<li>{html.escape(f'{name}: {why}')}</li>" for name, why in self.refused.items())
         return _PAGE.format(

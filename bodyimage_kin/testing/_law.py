@@ -130,7 +130,7 @@ class Question:
         pairs = [self.library.pose_and_jacobian(q, self.link) for q in postures]
         n = self.case.robot.n
         if not pairs:
-            return np.empty((0, 4, 4)), np.empty((0, 6, n))
+            return np.empty((0, 4, 4)), np.empty((0, self.library.rows, n))
         return np.stack([pose for pose, _ in pairs]), np.stack([jacobian for _, jacobian in pairs])
 
 

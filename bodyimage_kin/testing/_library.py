@@ -33,6 +33,8 @@ class Library(Protocol):
     - ``offers``: words out of ``"batch"`` (q may be ``(*batch, n)``), ``"float32"`` (q may be float32, and so are the
       results), ``"gradient"`` (q is always a torch tensor, and the results can be differentiated twice).
 
+    A library that has poses only offers ``pose(q, link)`` in place of ``pose_and_jacobian``.
+
     A law that needs what is not offered is reported as not offered, never as passed.
     """
 
@@ -68,14 +70,16 @@ class Wrapped:
     """A built library, called with numpy arrays in the robot's own order of joints, and giving float arrays.
 
     Attributes:
-        offers: All it offers: out of :data:`OFFERS`, ``"hessian"`` and ``"references"``.
+        offers: All it offers: out of :data:`OFFERS`, ``"jacobian"``, ``"hessian"`` and ``"references"``.
+        rows: Of its Jacobian: 6, or 0 when it has poses only.
     """
 
     def __init__(self, build: Build, robot: RobotSpec) -> None:
         self._library = build(_argument(build, robot.to_urdf()))
-        if not callable(getattr(self._library, "pose_and_jacobian", None)):
-            raise InvalidConfig(f"{_name(build)} has no method pose_and_jacobian(q, link)")
         self.offers = offers(self._library)
+        if "jacobian" not in self.offers and not callable(getattr(self._library, "pose", None)):
+            raise InvalidConfig(f"{_name(build)} has no method pose_and_jacobian(q, link)")
+        self.rows = 6 if "jacobian" in self.offers else 0
         self._order = _order(getattr(self._library, "joint_names", robot.joint_names), robot.joint_names)
 
     def pose_and_jacobian(self, q: Any, link: str) -> tuple[np.ndarray, np.ndarray]:
@@ -85,6 +89,9 @@ class Wrapped:
 
     def tensors(self, q: Any, link: str) -> tuple[Any, Any]:
         """The same as the library gives them, differentiable when it is."""
+        if not self.rows:
+            # No rows are equal to no rows: what compares both compares poses.
+            return self._library.pose(self._given(q), link), np.empty((*q.shape[:-1], 0, q.shape[-1]))
         pose, jacobian = self._library.pose_and_jacobian(self._given(q), link)
         return pose, self._taken(jacobian, -1)
 
@@ -120,7 +127,7 @@ def offers(library: Any) -> frozenset[str]:
     said = getattr(library, "offers", ())
     if isinstance(said, str) or not set(said) <= set(OFFERS):
         raise InvalidConfig(f"{type(library).__name__}.offers is {said!r}; give words out of {', '.join(OFFERS)}")
-    has = {"hessian": "hessian", "references": "jacobian"}
+    has = {"jacobian": "pose_and_jacobian", "hessian": "hessian", "references": "jacobian"}
     return frozenset(said) | {word for word, method in has.items() if callable(getattr(library, method, None))}
 
 

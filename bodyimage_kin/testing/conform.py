@@ -12,23 +12,27 @@ import importlib
 import importlib.metadata
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, settings
-from hypothesis.errors import HypothesisException
+from hypothesis import strategies as st
 
+from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig, InvalidURDF, MissingDependency
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.testing._conform_report import Report, Verdict
+from bodyimage_kin.testing._conform_report import Failure, Report, Verdict
 from bodyimage_kin.testing._law import LAWS, Law, LawBroken
 from bodyimage_kin.testing._library import Build, NotOffered, OurKinematics
 from bodyimage_kin.testing._reduce import reduced
 from bodyimage_kin.testing._spec import Case, RobotSpec
 from bodyimage_kin.testing.strategies import cases
+from bodyimage_kin.testing.strategies import robots as any_robots
+
+_KINDS_SHOWN = 3
 
 Target = str | Path | None
 
@@ -40,6 +44,7 @@ def conform(
     out: str | Path | None = None,
     *,
     laws: Iterable[str] | None = None,
+    robots: st.SearchStrategy[RobotSpec] = any_robots(),  # noqa: B008  (strategies are immutable and lazy)
     tell: Callable[[Verdict], None] | None = None,
 ) -> Report:
     """Asks every law of every library.
@@ -52,6 +57,7 @@ def conform(
         examples: Cases for each library and law: random robots, or links and postures of each file.
         out: Folder for ``report.html``, ``report.json`` and ``failing/*.urdf``; None writes nothing.
         laws: Names of laws; None: all of them.
+        robots: Where random robots are drawn from; by default, all that URDF allows.
         tell: Called with each verdict as it falls.
 
     Returns:
@@ -67,16 +73,17 @@ def conform(
     if unknown := [name for name in asked if name not in LAWS]:
         raise InvalidConfig(f"no law {unknown[0]!r}; valid: {', '.join(LAWS)}")
     libraries = _libraries(backends)
-    robots, refused = _robots(target)
+    read, refused = _robots(target)
+    asked_on = _drawn(robots, examples) if read is None else read
     verdicts = []
     for name, build in libraries.items():
         for law in asked:
-            verdict = _verdict(name, build, LAWS[law], robots, examples, Path(out) if out is not None else None)
+            verdict = _verdict(name, build, LAWS[law], asked_on, examples, Path(out) if out is not None else None)
             verdicts.append(verdict)
             if tell is not None:
                 tell(verdict)
     report = Report(
-        str(target) if target is not None else "random robots", examples, tuple(verdicts), refused, len(robots or ())
+        str(target) if target is not None else "random robots", examples, tuple(verdicts), refused, len(read or ())
     )
     if out is not None:
         report.write(Path(out))
@@ -152,87 +159,84 @@ def _files(target: str | Path) -> Iterator[tuple[str, Path]]:
 
 
 @dataclass
-class _Found:
-    """What was seen of one law."""
+class _Seen:
+    """What was seen of one law while asking it of one library."""
 
-    worst: float = 0.0
-    case: Case | None = None
-    problem: Exception | None = None
-    robot: str = ""
-    failures: int = 0
+    asked: int = 0
+    worst: float | None = None
+    problems: dict[str, list[tuple[Case, Exception]]] = field(default_factory=dict)
 
-
-def _verdict(
-    name: str, build: Build, law: Law, robots: Mapping[str, RobotSpec] | None, examples: int, out: Path | None
-) -> Verdict:
-    try:
-        found = _on_random(build, law, examples) if robots is None else _on_files(build, law, robots, examples)
-    except NotOffered as problem:
-        return Verdict(name, law.name, "not offered", None, law.bound, str(problem))
-    if found.problem is None or found.case is None:
-        return Verdict(name, law.name, "passed", found.worst, law.bound)
-    case = reduced(found.case, lambda other: _same_failure(build, law, other, found.problem))
-    failure = _failure(build, law, case) or found.problem
-    # An exception is no error of any size.
-    error = failure.error if isinstance(failure, LawBroken) else None
-    detail = failure.detail if isinstance(failure, LawBroken) else f"raises {_first_line(failure)}"
-    if robots is not None:
-        detail += f" ({found.failures} of {len(robots)} robots; smallest from {found.robot})"
-    worst = None if error is None else max(error, found.worst)
-    return Verdict(name, law.name, "failed", worst, law.bound, detail, case, _written(name, law, case, out))
-
-
-def _on_random(build: Build, law: Law, examples: int) -> _Found:
-    found = _Found()
-
-    @settings(
-        max_examples=examples,
-        deadline=None,
-        database=None,
-        derandomize=True,
-        report_multiple_bugs=False,
-        suppress_health_check=list(HealthCheck),
-        phases=[Phase.generate, Phase.shrink],
-    )
-    @given(cases())
-    def ask(case: Any) -> None:
+    def ask(self, build: Build, law: Law, case: Case) -> None:
+        """Asks on, whatever the library does: one that fails on a robot may be right about others."""
+        self.asked += 1
         try:
-            found.worst = max(found.worst, law(build, case))
+            error = law(build, case)
         except NotOffered:
             raise
         except Exception as problem:
-            found.case, found.problem = case, problem
-            raise
+            self.problems.setdefault(_kind(problem), []).append((case, problem))
+            if not isinstance(problem, LawBroken):
+                return
+            error = problem.error
+        self.worst = max(self.worst or 0.0, error)
 
+
+def _verdict(
+    name: str, build: Build, law: Law, drawn: Sequence[Case] | Mapping[str, RobotSpec], examples: int, out: Path | None
+) -> Verdict:
+    seen = _Seen()
     try:
-        ask()
-    except NotOffered:
-        raise
-    except HypothesisException:
-        if found.problem is None:
-            raise
-    except Exception as problem:
-        if problem is not found.problem and found.problem is None:
-            raise
-    return found
+        if isinstance(drawn, Mapping):
+            for robot in drawn.values():
+                # A published robot takes long to read: once for all its cases.
+                once = partial(_built, build)
+                for case in _cases_of(robot, examples):
+                    seen.ask(once, law, case)
+        else:
+            for case in drawn:
+                seen.ask(build, law, case)
+    except NotOffered as problem:
+        return Verdict(name, law.name, "not offered", None, law.bound, str(problem))
+    # Wrong numbers first, then what is raised most often.
+    kinds = sorted(seen.problems, key=lambda kind: (kind != LawBroken.__name__, -len(seen.problems[kind])))
+    failures = tuple(_failure(name, build, law, seen, kind, out) for kind in kinds[:_KINDS_SHOWN])
+    return Verdict(name, law.name, "failed" if failures else "passed", seen.worst, law.bound, failures=failures)
 
 
-def _on_files(build: Build, law: Law, robots: Mapping[str, RobotSpec], examples: int) -> _Found:
-    found = _Found()
-    for name, robot in robots.items():
-        # A published robot takes long to read: once for all its cases.
-        once = partial(_built, build)
-        for case in _cases_of(robot, examples):
-            try:
-                found.worst = max(found.worst, law(once, case))
-            except NotOffered:
-                raise
-            except Exception as problem:
-                found.failures += 1
-                if found.case is None or len(robot.joints) < len(found.case.robot.joints):
-                    found.case, found.problem, found.robot = case, problem, name
-                break
-    return found
+def _failure(name: str, build: Build, law: Law, seen: _Seen, kind: str, out: Path | None) -> Failure:
+    """One kind of failure, on the smallest robot that shows it."""
+    problems = seen.problems[kind]
+    case, first = min(problems, key=lambda pair: (len(pair[0].robot.joints), len(pair[0].to_urdf())))
+    case = reduced(case, lambda other: _fails_like(build, law, other, first))
+    problem = _problem(build, law, case) or first
+    detail = problem.detail if isinstance(problem, LawBroken) else f"raises {_first_line(problem)}"
+    file = None
+    if out is not None:
+        stem = f"{name}-{law.name}" + ("" if isinstance(problem, LawBroken) else f"-{kind}")
+        file = Path("failing") / (re.sub(r"[^\w.-]+", "_", stem) + ".urdf")
+        (out / file).parent.mkdir(parents=True, exist_ok=True)
+        write_text(out / file, case.to_urdf())
+    return Failure(detail, len(problems), seen.asked, case, file)
+
+
+def _drawn(robots: st.SearchStrategy[RobotSpec], count: int) -> list[Case]:
+    """Random cases, always the same ones."""
+    drawn: list[Case] = []
+
+    @settings(
+        max_examples=count,
+        deadline=None,
+        database=None,
+        derandomize=True,
+        suppress_health_check=list(HealthCheck),
+        phases=[Phase.generate],
+    )
+    @given(cases(robots))
+    def draw(case: Any) -> None:
+        drawn.append(case)
+
+    draw()
+    return drawn
 
 
 @lru_cache(maxsize=4)
@@ -261,7 +265,7 @@ def _cases_of(robot: RobotSpec, count: int) -> Iterator[Case]:
         yield Case(robot, tuple(q.tolist()), link)
 
 
-def _failure(build: Build, law: Law, case: Case) -> Exception | None:
+def _problem(build: Build, law: Law, case: Case) -> Exception | None:
     try:
         law(build, case)
     except Exception as problem:
@@ -269,26 +273,18 @@ def _failure(build: Build, law: Law, case: Case) -> Exception | None:
     return None
 
 
-def _same_failure(build: Build, law: Law, case: Case, first: Exception | None) -> bool:
-    problem = _failure(build, law, case)
-    if type(problem) is not type(first):
+def _fails_like(build: Build, law: Law, case: Case, first: Exception) -> bool:
+    """Whether a case fails in the same way, and not by a rounding where the first was far off."""
+    problem = _problem(build, law, case)
+    if problem is None or _kind(problem) != _kind(first):
         return False
-    if isinstance(problem, LawBroken) and isinstance(first, LawBroken):
-        # Not a small error in place of a large one, nor another shape in place of a wrong number.
-        return problem.error >= min(first.error, 1e-3) or np.isinf(problem.error) == np.isinf(first.error) == 1
-    return True
+    return not (isinstance(problem, LawBroken) and isinstance(first, LawBroken)) or (
+        problem.error >= min(0.01 * first.error, 1e-3)
+    )
 
 
-def _written(name: str, law: Law, case: Case, out: Path | None) -> Path | None:
-    """Writes the failing case as a URDF that can be given as target."""
-    if out is None:
-        return None
-    from bodyimage_kin._files import write_text
-
-    path = Path("failing") / (re.sub(r"[^\w.-]+", "_", f"{name}-{law.name}") + ".urdf")
-    (out / path).parent.mkdir(parents=True, exist_ok=True)
-    write_text(out / path, case.to_urdf())
-    return path
+def _kind(problem: Exception) -> str:
+    return type(problem).__name__
 
 
 def _first_line(problem: Exception) -> str:

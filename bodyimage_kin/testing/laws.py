@@ -33,7 +33,7 @@ def pose_equals_oracle(question: Question) -> dict[str, float]:
     return {"pose against the oracle's": question.error("pose", pose, oracle(question.case).pose)}
 
 
-@law()
+@law("jacobian")
 def jacobian_equals_oracle(question: Question) -> dict[str, float]:
     """The Jacobian is the oracle's."""
     _, jacobian = question.library.pose_and_jacobian(question.q, question.link)
@@ -43,7 +43,7 @@ def jacobian_equals_oracle(question: Question) -> dict[str, float]:
 # The Jacobian within itself ------------------------------------------------------------------------------------------
 
 
-@law(bound=DIFFERENCES)
+@law("jacobian", bound=DIFFERENCES)
 def jacobian_equals_differences(question: Question) -> dict[str, float]:
     """The Jacobian is the difference of poses."""
     pose, jacobian = question.library.pose_and_jacobian(question.q, question.link)
@@ -55,7 +55,7 @@ def jacobian_equals_differences(question: Question) -> dict[str, float]:
     return {"Jacobian against differences of poses": question.error("jacobian", jacobian, expected)}
 
 
-@law()
+@law("jacobian")
 def off_path_columns_are_zero(question: Question) -> dict[str, float]:
     """Columns of joints off the path are zero."""
     _, jacobian = question.library.pose_and_jacobian(question.q, question.link)
@@ -78,7 +78,7 @@ def mimic_is_multiplier_times_column(question: Question) -> dict[str, float]:
     return question.both(found, (pose, jacobian @ fold), "against the robot whose followers are free")
 
 
-@law("references")
+@law("jacobian", "references")
 def references_convert(question: Question) -> dict[str, float]:
     """References convert into each other."""
     q, link = question.q, question.link
@@ -172,7 +172,7 @@ def batch_equals_loop(question: Question) -> dict[str, float]:
     errors: dict[str, float] = {}
     for batch in ((6,), (2, 3), (3, 1, 2), (1, 6)):
         found = question.library.pose_and_jacobian(postures.reshape(*batch, n), question.link)
-        expected = loop[0].reshape(*batch, 4, 4), loop[1].reshape(*batch, 6, n)
+        expected = loop[0].reshape(*batch, 4, 4), loop[1].reshape(*batch, question.library.rows, n)
         errors |= question.both(found, expected, f"of a batch {batch}")
     return errors
 
@@ -180,11 +180,11 @@ def batch_equals_loop(question: Question) -> dict[str, float]:
 @law("batch")
 def empty_batch(question: Question) -> dict[str, float]:
     """An empty batch gives empty results."""
-    n = question.case.robot.n
+    n, rows = question.case.robot.n, question.library.rows
     errors: dict[str, float] = {}
     for batch in ((0,), (2, 0)):
         found = question.library.pose_and_jacobian(np.empty((*batch, n)), question.link)
-        expected = np.empty((*batch, 4, 4)), np.empty((*batch, 6, n))
+        expected = np.empty((*batch, 4, 4)), np.empty((*batch, rows, n))
         errors |= question.both(found, expected, f"of a batch {batch}")
     return errors
 
@@ -206,7 +206,7 @@ def dtype_is_kept(question: Question) -> dict[str, float]:
 # Derivatives ----------------------------------------------------------------------------------------------------------
 
 
-@law("gradient", bound=DIFFERENCES)
+@law("jacobian", "gradient", bound=DIFFERENCES)
 def gradcheck(question: Question) -> dict[str, float]:
     """Gradients are differences."""
 
@@ -216,7 +216,7 @@ def gradcheck(question: Question) -> dict[str, float]:
     return {"gradient against differences": _gradient_error(question, values, "hessian")}
 
 
-@law("gradient", bound=DIFFERENCES)
+@law("jacobian", "gradient", bound=DIFFERENCES)
 def gradgradcheck(question: Question) -> dict[str, float]:
     """Gradients of gradients are differences of gradients."""
 
@@ -232,7 +232,7 @@ def gradgradcheck(question: Question) -> dict[str, float]:
     return {"second gradient against differences": _gradient_error(question, gradient, "third")}
 
 
-@law("hessian", bound=DIFFERENCES)
+@law("jacobian", "hessian", bound=DIFFERENCES)
 def hessian_equals_differences(question: Question) -> dict[str, float]:
     """The hessian is the difference of Jacobians."""
     hessian = question.library.hessian(question.q, question.link)
@@ -241,7 +241,7 @@ def hessian_equals_differences(question: Question) -> dict[str, float]:
     return {"hessian against differences of Jacobians": question.error("hessian", hessian, expected)}
 
 
-@law("hessian")
+@law("jacobian", "hessian")
 def hessian_symmetry(question: Question) -> dict[str, float]:
     """Position rows of the hessian are symmetric, angular rows differ by the cross product of columns."""
     hessian = question.library.hessian(question.q, question.link)
