@@ -75,7 +75,7 @@ class Wrapped:
     """
 
     def __init__(self, build: Build, robot: RobotSpec) -> None:
-        self._library = build(_argument(build, robot.to_urdf()))
+        self._library = build(argument(build, robot.to_urdf()))
         self.offers = offers(self._library)
         if "jacobian" not in self.offers and not callable(getattr(self._library, "pose", None)):
             raise InvalidConfig(f"{_name(build)} has no method pose_and_jacobian(q, link)")
@@ -131,8 +131,8 @@ def offers(library: Any) -> frozenset[str]:
     return frozenset(said) | {word for word, method in has.items() if callable(getattr(library, method, None))}
 
 
-def _argument(build: Build, urdf: str) -> Any:
-    """What a library is built from."""
+def argument(build: Build, urdf: str) -> Any:
+    """What a library is built from: the URDF text, or a Robot when its first parameter is called so."""
     try:
         first = next(iter(inspect.signature(build).parameters), None)
     except (TypeError, ValueError):

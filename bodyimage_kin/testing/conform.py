@@ -26,7 +26,7 @@ from bodyimage_kin.errors import InvalidConfig, InvalidURDF, MissingDependency
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.testing._conform_report import Failure, Report, Verdict
 from bodyimage_kin.testing._law import LAWS, Law, LawBroken
-from bodyimage_kin.testing._library import Build, NotOffered, OurKinematics
+from bodyimage_kin.testing._library import Build, NotOffered, OurKinematics, argument
 from bodyimage_kin.testing._reduce import reduced
 from bodyimage_kin.testing._spec import Case, RobotSpec
 from bodyimage_kin.testing.strategies import cases
@@ -189,7 +189,7 @@ def _verdict(
         if isinstance(drawn, Mapping):
             for robot in drawn.values():
                 # A published robot takes long to read: once for all its cases.
-                once = partial(_built, build)
+                once = _once(build)
                 for case in _cases_of(robot, examples):
                     seen.ask(once, law, case)
         else:
@@ -239,9 +239,14 @@ def _drawn(robots: st.SearchStrategy[RobotSpec], count: int) -> list[Case]:
     return drawn
 
 
-@lru_cache(maxsize=4)
-def _built(build: Build, argument: Any) -> Any:
-    return build(argument)
+def _once(build: Build) -> Build:
+    """The same, building only once of the same text."""
+
+    @lru_cache(maxsize=8)
+    def built(urdf: str) -> Any:
+        return build(argument(build, urdf))
+
+    return built
 
 
 def _cases_of(robot: RobotSpec, count: int) -> Iterator[Case]:
