@@ -126,7 +126,7 @@ class Embodiment:
         return position
 
     def hand_in_camera(self, q: ArrayLike) -> Float[Tensor, "*batch 3"]:
-        """The hand's centre in the camera's axes [m]: ``c = R (p_h - p_c)``."""
+        """The hand's centre in the camera's axes [m]: ``c = R (p_h - p_c)`` (equation 17)."""
         q = as_postures(q, self.p)
         hand, _, _ = self._point(q, self.hand.link, self.hand.offset)
         camera, root_R_camera, _ = self._camera(q)
@@ -135,7 +135,7 @@ class Embodiment:
     def hand_image(
         self, q: ArrayLike, on_invisible: Literal["raise", "nan"] | str = "raise"
     ) -> Float[Tensor, "*batch m"]:
-        """Where the hand is on the virtual screen [m], differentiable (equations 17 to 19).
+        """Where the hand is on the virtual screen [m], differentiable (equations 6 and 17 to 19).
 
         Args:
             q: Postures ``(*batch, p)``.

@@ -130,7 +130,7 @@ class Skin:
         return cast_patch(self.patch, self.shapes, coordinates)
 
     def coordinates(self, taxels: Int[np.ndarray, "count"]) -> Float[np.ndarray, "count 2"]:
-        """(row, column) of taxels."""
+        """(row, column) of taxels: T_i, their coordinates on the skin (equation 5)."""
         return np.stack(np.divmod(taxels, self.shape[1]), axis=-1).astype(float)
 
     def touched(self, centres: Points, radius: float, tolerance: float = 1e-3) -> Int[np.ndarray, "count"]:

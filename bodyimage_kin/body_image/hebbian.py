@@ -44,7 +44,7 @@ def hebbian_map(
     seed: int = 0,
     image_range: Any = None,
 ) -> HebbianMap:
-    """Add up ``alpha h(d_ic) A_k`` over one trial's touches, for every taxel i and visual cell k.
+    """Add up ``alpha h(d_ic) A_k`` over one trial's touches, for every taxel i and visual cell k (8 to 11).
 
     Args:
         exp: Experience, as for `BodyImage.learn`.

@@ -34,7 +34,7 @@ def integrate(
     initial: Any = None,
     posture_map: Any = None,
 ) -> xr.DataArray:
-    """Estimate the hand image over time from postures alone.
+    """Estimate the hand image over time from postures alone (equations 2 and 7).
 
     Between two resets ``r(t+1) = r(t) + learned.displacement(q(t), q(t+1) - q(t))``. At every sample with
     ``at_reference`` the estimate is set to

@@ -32,9 +32,9 @@ class BodyImage:
     """What a robot learned of its own body by touching it.
 
     Attributes:
-        tactile_map: (rows, columns, m) image of each taxel [m on the screen].
+        tactile_map: (rows, columns, m) image of each taxel [m on the screen] (equation 12).
         postures: (posture rows, posture columns, p) representative postures [rad or m].
-        posture_map: (posture rows, posture columns, m) image of each of them [m on the screen].
+        posture_map: (posture rows, posture columns, m) image of each of them [m on the screen] (equation 14).
         touch_counts: (rows * columns,) touches that taught something, by touched taxel.
         history: ``steps`` (snapshots,), map steps done, the last one always included; ``tactile_maps``
             (snapshots, rows, columns, m) and ``posture_maps`` (snapshots, posture rows, posture columns, m) [m].
@@ -70,7 +70,7 @@ class BodyImage:
         image_range: Any = None,
         posture_som: PostureSOM | None = None,
     ) -> BodyImage:
-        """Learn both maps from one trial, one step a sample: ``w_i += alpha(t) h(d_ic) (hand - w_i)``.
+        """Learn both maps from one trial, one step a sample: ``w_i += alpha(t) h(d_ic) (hand - w_i)`` (13, 15).
 
         A sample without touch, one whose hand is NaN and a silent one count as steps and teach nothing; padded samples
         are no steps. Initial weights, silence and posture map have random streams of their own.
@@ -89,7 +89,7 @@ class BodyImage:
             alpha: ``"geometric"`` from 0.3 at the first step to 0.02 at the last, ``"constant"`` 0.1, or
                 ``"per_visit"``, one over the visits that the winner has had.
             gamma_final: Anneal gamma geometrically to this value at the last step, gamma_posture by the same factor.
-            silence: Probability that sensors say nothing, on top of the touches that the recording itself leaves silent.
+            silence: Probability that sensors say nothing, beside touches that the recording itself leaves silent.
             silence_mode: ``"touch"``: a whole touch goes unnoticed. ``"taxel"``: every taxel is silent by itself at
                 every step and then does not learn; the others and the posture map still feel the touch.
             posture_grid: (rows, columns) of the posture map.

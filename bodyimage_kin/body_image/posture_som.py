@@ -16,7 +16,7 @@ _UPDATES_PER_UNIT = 100
 
 @dataclass(frozen=True, eq=False)
 class PostureSOM:
-    """A grid of representative postures.
+    """A grid of representative postures (equation 4).
 
     Attributes:
         postures: (rows, columns, p) [rad or m], the units' representative vectors.

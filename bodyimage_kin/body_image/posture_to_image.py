@@ -15,14 +15,14 @@ from bodyimage_kin.errors import InvalidArray, InvalidRecording
 
 @dataclass(frozen=True, eq=False)
 class PostureToImage:
-    """A ridge regression from posture to hand image, on products of standardised joint values.
+    """A ridge regression from posture to hand image, on products of joint values (F of equation 7).
 
     It has seen nothing of the postures at which the hand is hidden: there it extrapolates, as the paper's F must.
 
     Attributes:
         mean: (p,) of the seen postures [rad or m].
         scale: (p,) their standard deviation [rad or m].
-        degree: Of the products.
+        degree: Of the products of standardised joint values.
         coefficients: (features, m) [m].
         offset: (m,) [m].
     """

@@ -20,7 +20,7 @@ from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, is_count, 
 
 @dataclass(frozen=True, eq=False)
 class DisplacementNetwork(LearnedJacobian):
-    """``f(dq) = b2 + W2 tanh(b1 + W1 dq)``, scaled to the units of displacements.
+    """``f(dq) = b2 + W2 tanh(b1 + W1 dq)`` (equation 1), scaled to the units of displacements.
 
     f(0) is not zero: a hand at rest is felt to drift. :attr:`bias` says by how much; nothing subtracts it.
 
@@ -79,7 +79,7 @@ class DisplacementNetwork(LearnedJacobian):
 
 @dataclass(frozen=True)
 class PaperMLP(Estimator):
-    """The paper's network, trained by full-batch gradient descent.
+    """The paper's network (equation 1), trained by full-batch gradient descent.
 
     Inputs and outputs are divided by their standard deviation over the experience; the loss is half the squared error,
     summed over outputs and averaged over steps; weights and biases start uniform in +-1/sqrt(fan in).

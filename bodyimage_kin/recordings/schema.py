@@ -5,7 +5,7 @@ False).
 
 ============================ =========================================================================================
 felt
-``q``                        (trial, time, joint) felt joint values [rad]
+``q``                        (trial, time, joint) felt joint values [rad] (equation 3)
 ``hand_image``               (trial, time, axis) where the eye sees the hand [m on the screen], NaN where it does not
 ``taxel``                    (trial, time) the taxel that reports a touch, -1 for none
 ``at_reference``             (trial, time) whether the hand rests at the reference taxel
