@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.recordings import simulate as simulate
     from bodyimage_kin.recordings import write_recording as write_recording
     from bodyimage_kin.robot import Robot as Robot
+    from bodyimage_kin.study import Study as Study
 
 # Public name -> the module that has it.
 _EXPORTS = {
@@ -40,6 +41,7 @@ _EXPORTS = {
     "Kinematics": "bodyimage_kin.backends",
     "Robot": "bodyimage_kin.robot",
     "RobotKinematics": "bodyimage_kin.backends",
+    "Study": "bodyimage_kin.study",
     "embodiments": "bodyimage_kin._embodiment_file",
     "experience": "bodyimage_kin.recordings",
     "integrate": "bodyimage_kin.body_image",

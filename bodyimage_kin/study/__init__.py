@@ -1,1 +1,3 @@
 """Studies: grids of independent cells, worked off in processes."""
+
+from bodyimage_kin.study.study import Study as Study

@@ -1,0 +1,378 @@
+"""A study's work: a ground (one embodiment and motion, a block of seeds) and the cells of estimators that stand on it.
+
+Everything here runs in a worker, from plain tables and datasets to datasets. Each seed has random streams of its own,
+spawned from the study's by the cell's name, so that nothing depends on who works, on how many do, or in what order.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import torch
+import xarray as xr
+from jaxtyping import Float
+
+from bodyimage_kin import metrics
+from bodyimage_kin._embodiment_file import load_embodiment
+from bodyimage_kin.body_image import integrate
+from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.recordings import experience, simulate
+from bodyimage_kin.study import probes
+from bodyimage_kin.study.scores import PARTS, SCORES
+from bodyimage_kin.study.specs import Table, build_estimator, motion_arguments
+
+_AXES = ["x", "y"]
+"""Of the hand image, as recordings name them."""
+_ORACLE_SAMPLE = 64
+"""Postures at which another backend's truth is held against Pinocchio's."""
+
+
+class WrongResult(Exception):
+    """What an estimator returned is no learned Jacobian of finite values."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What all estimators of one embodiment, motion and block of seeds share.
+
+    Attributes:
+        embodiment: Its name in the study.
+        recording: Likewise.
+        seeds: The block's.
+        body: Table of the embodiment, its path resolved.
+        sha256: Hash of the embodiment that the study began with.
+        motions: Table of the recording.
+        probes: Name -> table.
+        entropy: Of the study's random streams.
+        excitation_cut: A direction counts as excited from this on.
+        per_posture: Whether scores of each posture are kept.
+    """
+
+    embodiment: str
+    recording: str
+    seeds: tuple[int, ...]
+    body: Table
+    sha256: str
+    motions: Table
+    probes: Mapping[str, Table]
+    entropy: int
+    excitation_cut: float
+    per_posture: bool
+
+    @property
+    def motion(self) -> str:
+        """Name of the motion that is learned from."""
+        return next(name for name in self.motions if name not in ("touch", "tour"))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The recordings of a ground, and what they say before anything is learned.
+
+    Attributes:
+        recordings: ``"training"``, ``"touch"`` and ``"tour"`` -> one recording a seed.
+        facts: Dims (seed, probe, posture, direction, joint): ``metric``, ``excitation``, ``mahalanobis_distance``,
+            ``hand_distance``, ``max_oracle_difference``.
+    """
+
+    recordings: Mapping[str, Sequence[xr.Dataset]]
+    facts: xr.Dataset
+
+
+def stream(entropy: int, name: str, count: int = 1) -> list[int]:
+    """Seeds of a cell: the study's ``SeedSequence``, spawned by the cell's name.
+
+    Args:
+        entropy: The study's own seed.
+        name: Such as ``embodiment/recording/seed``.
+        count: How many.
+
+    Returns:
+        Numbers below 2^32, which every library takes.
+    """
+    key = np.frombuffer(hashlib.sha256(name.encode()).digest(), dtype="<u4")
+    return [int(value) for value in np.random.SeedSequence(entropy, spawn_key=key.tolist()).generate_state(count)]
+
+
+def make_scene(ground: Ground) -> Scene:
+    """Simulates the recordings of a ground and measures what they excite.
+
+    Raises:
+        BodyImageKinError: Whatever the simulation refuses.
+    """
+    with _single_thread():
+        body = _body(ground)
+        kinds = {"training": ground.motion, "touch": "random_touch", "tour": "face_tour"}
+        streams = [stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}", 3) for seed in ground.seeds]
+        recordings = {
+            role: simulate.many(
+                kind,
+                body,
+                [one[index] for one in streams],
+                threads=1,
+                **motion_arguments(ground.motions[kind if role == "training" else role]),
+            )
+            for index, (role, kind) in enumerate(kinds.items())
+        }
+        facts = [_facts(ground, body, *one) for one in zip(recordings["training"], recordings["touch"], strict=True)]
+    return Scene(recordings, stack(facts, ground.seeds))
+
+
+def run_cell(ground: Ground, scene: Scene, name: str, table: Table, keep: Sequence[str]) -> xr.Dataset:
+    """Trains one estimator on a block of seeds together, and scores what each learned.
+
+    Args:
+        ground: Of the cell.
+        scene: Its recordings (touches are not needed) and facts.
+        name: The estimator's name in the study.
+        table: Its table.
+        keep: Names of the scores to keep.
+
+    Returns:
+        Scores over ``seed``; ``failure`` says what went wrong with a seed, empty where nothing did. A seed that failed
+        has NaN for every score.
+    """
+    with _single_thread():
+        body = _body(ground)
+        begin = time.perf_counter()
+        try:
+            all_learned = _fit(ground, scene, name, build_estimator(table, body))
+        except (Exception, SystemExit) as problem:
+            return failed(ground, keep, describe(problem))
+        seconds = (time.perf_counter() - begin) / len(ground.seeds)
+        found = []
+        for index, learned in enumerate(all_learned):
+            try:
+                values = _score(ground, body, scene, index, learned)
+                values["fit_seconds"] = np.float64(seconds)
+                found.append(_dataset(ground, values, keep))
+            except (Exception, SystemExit) as problem:
+                found.append(_nothing(ground, keep, describe(problem)))
+    return stack(found, ground.seeds)
+
+
+def failed(ground: Ground, keep: Sequence[str], failure: str) -> xr.Dataset:
+    """The result of a cell of which nothing came."""
+    return stack([_nothing(ground, keep, failure)] * len(ground.seeds), ground.seeds)
+
+
+def describe(problem: BaseException) -> str:
+    """An error in one line: its class and what it says."""
+    said = " ".join(str(problem).split())
+    return f"{type(problem).__name__}: {said}" if said else type(problem).__name__
+
+
+def stack(datasets: Sequence[xr.Dataset], seeds: Sequence[int]) -> xr.Dataset:
+    """One dataset a seed as one over ``seed``, padded with NaN where postures are fewer."""
+    return concat(datasets, labels("seed", seeds))
+
+
+def concat(datasets: Sequence[xr.Dataset], dim: Any) -> xr.Dataset:
+    """Datasets side by side; what one of them lacks is NaN."""
+    return xr.concat(list(datasets), dim, data_vars="all", join="outer", combine_attrs="override")
+
+
+def labels(dim: str, values: Sequence[Any]) -> xr.DataArray:
+    """A new dimension with these labels, for :func:`concat`."""
+    return xr.DataArray(list(values), dims=[dim], name=dim)
+
+
+# Inner ---------------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _single_thread() -> Iterator[None]:
+    """One math thread: bits depend on how sums are divided among threads."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@lru_cache(maxsize=8)
+def _load(name: str, backend: str | None, sha256: str) -> Embodiment:
+    body = load_embodiment(name, backend)
+    if body.sha256 != sha256:
+        raise InvalidConfig(f"embodiment '{name}' has changed since the study began; begin a new one")
+    return body
+
+
+def _body(ground: Ground) -> Embodiment:
+    return _load(ground.body["embodiment"], ground.body.get("backend"), ground.sha256)
+
+
+def _facts(ground: Ground, body: Embodiment, training: xr.Dataset, touch: xr.Dataset) -> xr.Dataset:
+    postures = probes.probe_postures(body, training, ground.probes)
+    away = {probe: probes.distances(body, training, q) for probe, q in postures.items()}
+    found = metrics.excitation(_steps(training), _steps(touch), ground.excitation_cut)
+    return xr.Dataset(
+        {
+            "metric": (("joint", "other_joint"), found.metric, {"units": "rad^2"}),
+            "excitation": (("direction",), found.eigenvalues, {"long_name": "G_train v = mu G_use v", "units": "1"}),
+            "excited_motion": (("joint", "direction"), found.eigenvectors, {"long_name": "v", "units": "1/rad"}),
+            "mahalanobis_distance": (
+                ("probe", "posture"),
+                probes.by_posture([one[0] for one in away.values()]),
+                {"long_name": "distance from training in its joint space", "units": "1"},
+            ),
+            "hand_distance": (
+                ("probe", "posture"),
+                probes.by_posture([one[1] for one in away.values()]),
+                {"long_name": "distance of the hand from where it was in training", "units": "m"},
+            ),
+            "max_oracle_difference": (
+                (),
+                _oracle_difference(ground, body, torch.cat(list(postures.values()))),
+                {"long_name": "largest difference of the truth from Pinocchio's", "units": "m/rad"},
+            ),
+        },
+        {
+            "probe": list(ground.probes),
+            "posture": np.arange(max(map(len, postures.values()))),
+            "direction": np.arange(body.p),
+        },
+    )
+
+
+def _oracle_difference(ground: Ground, body: Embodiment, q: torch.Tensor) -> float:
+    if ground.body.get("backend") == "pinocchio":
+        return 0.0
+    oracle = _load(ground.body["embodiment"], "pinocchio", ground.sha256)
+    sample = q[:: max(1, len(q) // _ORACLE_SAMPLE)]
+    with torch.no_grad():
+        return float((body.hand_image_jacobian(sample) - oracle.hand_image_jacobian(sample)).abs().max())
+
+
+def _fit(ground: Ground, scene: Scene, name: str, spec: Any) -> list[Any]:
+    """What the estimator learns from each recording of the block."""
+    experiences = [experience(recording) for recording in scene.recordings["training"]]
+    seeds = [
+        stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}/{name}")[0] for seed in ground.seeds
+    ]
+    if not callable(getattr(spec, "fit_many", None)):
+        return [spec.fit(exp, seed) for exp, seed in zip(experiences, seeds, strict=True)]
+    learned = list(spec.fit_many(experiences, seeds))
+    if len(learned) != len(seeds):
+        raise WrongResult(f"fit_many returned {len(learned)} learned Jacobians for {len(seeds)} seeds")
+    return learned
+
+
+def _score(ground: Ground, body: Embodiment, scene: Scene, index: int, learned: Any) -> dict[str, Any]:
+    """Every score of one learned Jacobian, without the dimension ``seed``."""
+    facts = scene.facts.isel(seed=index)
+    training, tour = (scene.recordings[role][index] for role in ("training", "tour"))
+    found = _on_tour(body, tour, learned)
+    W = facts["metric"].values
+    cut = ground.excitation_cut
+    P = metrics.Excitation(facts["excitation"].values, facts["excited_motion"].values, W, cut).projector()
+    rows: dict[str, list[Any]] = {}
+    for probe, q in probes.probe_postures(body, training, ground.probes).items():
+        with torch.no_grad():
+            J = body.hand_image_jacobian(q).numpy()
+        Jh = _checked(f"jacobian at probe '{probe}'", learned.jacobian(q), J.shape)
+        for score, value in _at_probe(J, Jh, W, P, ground.per_posture).items():
+            rows.setdefault(score, []).append(value)
+    for score, values in rows.items():
+        by_posture = "posture" in SCORES[score].dims
+        found[score] = probes.by_posture(values) if by_posture else np.array(values)
+    return found
+
+
+def _at_probe(
+    J: Float[np.ndarray, "postures m p"],
+    Jh: Float[np.ndarray, "postures m p"],
+    W: Float[np.ndarray, "p p"],
+    P: Float[np.ndarray, "p p"],
+    per_posture: bool,
+) -> dict[str, Any]:
+    parts = metrics.attribute(J, Jh, W, P)
+    found: dict[str, Any] = {
+        "relative_error": metrics.pooled_relative_error(J, Jh),
+        "relative_error_use": metrics.pooled_relative_error(J, Jh, W),
+        "scale_free_error": metrics.pooled_scale_free_error(J, Jh, W),
+        "attribution": [getattr(parts, part) for part in PARTS],
+        "scale": parts.scale,
+    }
+    if per_posture:
+        found["relative_error_by_posture"] = metrics.relative_error(J, Jh, W)
+        found["scale_free_error_by_posture"] = metrics.scale_free_error(J, Jh, W)
+        found["critical_gain_by_posture"] = metrics.critical_gain(metrics.servo_matrix(J, Jh))
+        size = np.einsum("nij,jk,nik->n", J, W, J).mean()
+        residual = parts.scale * Jh - J
+        residual = residual - residual.mean(0)
+        found["depth_by_posture"] = (1 - parts.scale) ** 2 * np.einsum("nij,jk,nik->n", Jh, W, Jh) / size
+        found["variation_by_posture"] = np.einsum("nij,jk,nik->n", residual, W, residual) / size
+    return found
+
+
+def _on_tour(body: Embodiment, tour: xr.Dataset, learned: Any) -> dict[str, Any]:
+    """Scores of the displacements on the tour, and of the path that they sum to."""
+    q, image = tour["true_q"].values, tour["true_hand_image"].values
+    there = np.isfinite(q[:, :-1]).all(-1) & np.isfinite(q[:, 1:]).all(-1)
+    before, dq = torch.from_numpy(q[:, :-1][there]), torch.from_numpy(np.diff(q, axis=1)[there])
+    with torch.no_grad():
+        linear = (body.hand_image_jacobian(before) @ dq[..., None])[..., 0].numpy()
+    foreseen = _checked("displacement on the tour", learned.displacement(before, dq), linear.shape)
+    with torch.no_grad():
+        path = integrate(experience(tour), learned, reset="none", initial=image[:, 0]).values
+    velocity, estimated = np.diff(image, axis=1), np.diff(path, axis=1)
+    return {
+        "displacement_error": metrics.displacement_error(foreseen, linear),
+        "velocity_correlation": metrics.velocity_correlation(velocity, estimated),
+        "velocity_nrmse": metrics.velocity_nrmse(velocity, estimated),
+        "trajectory_rmse": metrics.trajectory_rmse(image, path),
+    }
+
+
+def _checked(what: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """What an estimator answers, once its shape and values are known to be right."""
+    values = np.asarray(value.detach() if hasattr(value, "detach") else value, dtype=np.float64)
+    if values.shape != shape:
+        raise WrongResult(f"{what} has shape {values.shape}; it must be {shape}")
+    wrong = int((~np.isfinite(values).reshape(len(values), -1).all(1)).sum())
+    if wrong:
+        raise WrongResult(f"{what} is not finite in {wrong} of {len(values)} postures")
+    return values
+
+
+def _steps(recording: xr.Dataset) -> Float[np.ndarray, "steps p"]:
+    """True displacements of the joints in one sampling step."""
+    steps = np.diff(recording["true_q"].values, axis=1)
+    return steps.reshape(-1, steps.shape[-1])
+
+
+def _dataset(ground: Ground, values: Mapping[str, Any], keep: Sequence[str], failure: str = "") -> xr.Dataset:
+    """Scores of one seed, labelled."""
+    variables = {
+        score: xr.Variable(SCORES[score].dims, values[score], SCORES[score].attributes)
+        for score in keep
+        if score in values
+    }
+    coords: dict[str, Any] = {"probe": list(ground.probes), "part": list(PARTS), "axis": _AXES}
+    used = {dim for variable in variables.values() for dim in variable.dims}
+    coords = {dim: values for dim, values in coords.items() if dim in used}
+    if "posture" in used:
+        # With labels, seeds of unlike numbers of postures can be put side by side.
+        coords["posture"] = np.arange(next(v.sizes["posture"] for v in variables.values() if "posture" in v.dims))
+    return xr.Dataset({**variables, "failure": ((), failure)}, coords)
+
+
+def _nothing(ground: Ground, keep: Sequence[str], failure: str) -> xr.Dataset:
+    """What a seed that failed leaves: NaN for every score."""
+    sizes = {"probe": len(ground.probes), "part": len(PARTS), "axis": len(_AXES), "posture": 0}
+    values = {
+        score: np.full([sizes[dim] for dim in SCORES[score].dims], np.nan)
+        for score in keep
+        if ground.per_posture or "posture" not in SCORES[score].dims
+    }
+    return _dataset(ground, values, keep, failure)

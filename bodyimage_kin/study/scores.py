@@ -1,0 +1,67 @@
+"""The scores of a study: name, dimensions, unit and meaning, in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+PARTS = ("depth", "mean_excited", "mean_unexcited", "variation")
+"""What a squared Jacobian error is the sum of (:class:`bodyimage_kin.metrics.Attribution`)."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """One score of a learned Jacobian.
+
+    Attributes:
+        dims: Beside embodiment, recording, estimator and seed.
+        long_name: What it is.
+        units: ``"1"`` where it has none.
+        source: Where its formula is.
+        ratio: Whether it is positive and compared by ratios.
+    """
+
+    dims: tuple[str, ...]
+    long_name: str
+    units: str = "1"
+    source: str = ""
+    ratio: bool = True
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """As attributes of a variable."""
+        found = {"long_name": self.long_name, "units": self.units}
+        return found | ({"source": f"bodyimage_kin.metrics.{self.source}"} if self.source else {})
+
+
+_BY_POSTURE = ("probe", "posture")
+SCORES: Mapping[str, Score] = {
+    "relative_error": Score(
+        ("probe",), "relative error of the Jacobian, every joint alike", source="pooled_relative_error"
+    ),
+    "relative_error_use": Score(
+        ("probe",), "relative error of the Jacobian in the motion's metric", source="pooled_relative_error"
+    ),
+    "scale_free_error": Score(
+        ("probe",), "squared error left after the best scaling, motion's metric", source="pooled_scale_free_error"
+    ),
+    "attribution": Score(
+        ("probe", "part"), "parts of the squared relative error, motion's metric", source="attribute", ratio=False
+    ),
+    "scale": Score(("probe",), "best single scale of the estimate", source="attribute", ratio=False),
+    "displacement_error": Score((), "relative error of displacements on the tour", source="displacement_error"),
+    "velocity_correlation": Score(
+        ("axis",), "correlation of velocities on the tour", source="velocity_correlation", ratio=False
+    ),
+    "velocity_nrmse": Score(("axis",), "velocity error over the range of the true one", source="velocity_nrmse"),
+    "trajectory_rmse": Score((), "position error of the integrated tour", "m", "trajectory_rmse"),
+    "fit_seconds": Score((), "time to fit, the block's over its seeds; measured, so never twice the same", "s"),
+    "relative_error_by_posture": Score(_BY_POSTURE, "relative error, motion's metric", source="relative_error"),
+    "scale_free_error_by_posture": Score(_BY_POSTURE, "scale-free error, motion's metric", source="scale_free_error"),
+    "depth_by_posture": Score(_BY_POSTURE, "what each posture adds to the part depth, times their number"),
+    "variation_by_posture": Score(_BY_POSTURE, "what each posture adds to the part variation, times their number"),
+    "critical_gain_by_posture": Score(
+        _BY_POSTURE, "gain below which a sampled visual servo converges", source="critical_gain", ratio=False
+    ),
+}
+"""Name -> score; those by posture are kept on request."""

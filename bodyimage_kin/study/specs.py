@@ -1,0 +1,288 @@
+"""What a study varies, as plain tables: one written form for every spec, the same in TOML, in results and on the wire.
+
+A table holds strings, numbers, booleans, lists and tables only. Every setting that has a default is written out, so
+that a result says all of how it came about.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
+
+from bodyimage_kin import estimators
+from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.recordings import simulate
+from bodyimage_kin.recordings.dynamics import DragSettings
+
+Table: TypeAlias = dict[str, Any]
+"""Text -> what TOML can say."""
+
+MOTIONS: Mapping[str, Callable[..., Any]] = {
+    "circle": simulate.circle,
+    "face_tour": simulate.face_tour,
+    "random_touch": simulate.random_touch,
+}
+"""What can be recorded, by name."""
+_SHARED = ("dynamics", "drag", "encoder_noise", "image_noise", "sampling", "rest_spread", "rest_pull", "speed")
+"""Settings that tour and touch take over from the motion that is learned from."""
+_TOUCH_DURATION = 80.0
+"""Time of touching that the motion's metric is taken from [s]; by then it has settled to a few per cent."""
+PROBES: Mapping[str, Table] = {
+    "on_circle": {"training": {}},
+    "in_front": {"face": {"distance": 0.03}},
+    "on_face": {"face": {"distance": 0.0}},
+    "joint_space": {"joint_space": {"count": 441, "seed": 0}},
+}
+"""Posture sets that leave what was seen step by step."""
+_PROBE_SETTINGS: Mapping[str, Table] = {
+    "training": {},
+    "face": {"distance": 0.0},
+    "joint_space": {"count": 441, "seed": 0},
+}
+
+
+def plain_name(kind: str, name: object) -> str:
+    """The name itself, once it is known to be fit for a file and for a result.
+
+    Raises:
+        InvalidConfig: Other characters than letters, digits, ``_``, ``-`` and ``.``.
+    """
+    if not isinstance(name, str) or not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
+        raise InvalidConfig(f"{kind} name {name!r}: use letters, digits, '_', '-' and '.'")
+    return name
+
+
+def embodiment_table(spec: Any) -> Table:
+    """``{"embodiment": NAME or PATH}``, with ``backend`` where one is chosen."""
+    table = {"embodiment": spec} if isinstance(spec, str) else dict(_table("embodiment", spec))
+    _refuse_unknown("embodiment", table, ("embodiment", "backend"))
+    if not all(isinstance(value, str) for value in table.values()) or "embodiment" not in table:
+        raise InvalidConfig(f"embodiment {spec!r}: give a name, the path of a TOML file, or {{embodiment, backend}}")
+    return table
+
+
+def recording_table(spec: Any) -> Table:
+    """``{MOTION: settings, "touch": settings, "tour": settings}``, every setting written out.
+
+    The first is what is learned from. ``touch`` (:func:`simulate.random_touch`, here 80 s by default) is where the
+    motion's metric is taken from, ``tour`` (:func:`simulate.face_tour`) where displacements are compared; both take
+    over dynamics, noise and sampling of the motion learned from unless they say otherwise.
+    """
+    given = {spec: {}} if isinstance(spec, str) else _table("recording", spec)
+    _refuse_unknown("recording", given, (*MOTIONS, "touch", "tour"))
+    learned = [name for name in given if name in MOTIONS]
+    if len(learned) != 1:
+        raise InvalidConfig(f"a recording is learned from one motion, not {learned}; name one of {', '.join(MOTIONS)}")
+    settings = _motion_settings(learned[0], given[learned[0]], {})
+    shared = {name: settings[name] for name in _SHARED if name in settings}
+    touch = {**shared, "duration": _TOUCH_DURATION}
+    table = {
+        learned[0]: settings,
+        "touch": _motion_settings("random_touch", given.get("touch", {}), touch),
+        "tour": _motion_settings("face_tour", given.get("tour", {}), shared),
+    }
+    if table["touch"]["sampling"] != settings["sampling"]:
+        raise InvalidConfig("touch: sampling must be that of the motion learned from, or their displacements differ")
+    return table
+
+
+def motion_arguments(settings: Table) -> dict[str, Any]:
+    """Settings of a motion as keywords of its function."""
+    arguments = {name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()}
+    return arguments | ({"drag": DragSettings(**settings["drag"])} if "drag" in settings else {})
+
+
+def probe_table(spec: Any) -> Table:
+    """``{KIND: settings}``: ``training`` (its postures), ``face`` (taxels at a distance) or ``joint_space``."""
+    if isinstance(spec, str):
+        spec = PROBES.get(spec, {spec: {}})
+    kind, given = _single("probe", spec)
+    if kind not in _PROBE_SETTINGS:
+        raise UnknownName("probe", kind, (*_PROBE_SETTINGS, *PROBES))
+    settings = _table(f"probe {kind}", given)
+    _refuse_unknown(f"probe '{kind}'", settings, _PROBE_SETTINGS[kind])
+    settings = {**_PROBE_SETTINGS[kind], **settings}
+    for name, value in settings.items():
+        least, whole = (1 if name == "count" else 0), name != "distance"
+        fits = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
+        if not fits or not (least <= value < math.inf):
+            raise InvalidConfig(f"probe {kind}: {name}={value!r}: give a {'whole ' * whole}number of at least {least}")
+    return {kind: settings}
+
+
+# Estimators ----------------------------------------------------------------------------------------------------------
+
+
+def estimator_table(spec: Any) -> Table:
+    """``{CLASS: settings}``, the class one of ours by name or ``package.module:Class``, every setting written out.
+
+    Args:
+        spec: An estimator, the name of a class, or such a table. A setting ``body`` is left out: it is the study's to
+            fill in, with the embodiment of each cell.
+
+    Raises:
+        InvalidConfig: A class that cannot be named in a file, or settings that it does not take.
+        UnknownName: No such class or module.
+    """
+    if dataclasses.is_dataclass(spec) and not isinstance(spec, type):
+        return {_class_name(type(spec)): _fields(spec)}
+    if isinstance(spec, type):
+        spec = _class_name(spec)
+    name, settings = _single("estimator", {spec: {}} if isinstance(spec, str) else spec)
+    cls = _class(name)
+    settings = _table(f"estimator {name}", settings)
+    if not dataclasses.is_dataclass(cls):
+        return {name: {key: plain(f"estimator {name}: {key}", value) for key, value in settings.items()}}
+    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
+    _refuse_unknown(f"estimator '{name}'", settings, [key for key in fields if key != "body"])
+    if "body" in fields:
+        defaults = {key: field.default for key, field in fields.items() if field.default is not dataclasses.MISSING}
+        return {name: _without_none({key: plain(key, value) for key, value in (defaults | settings).items()})}
+    return {name: _fields(build_estimator({name: settings}))}
+
+
+def build_estimator(table: Table, body: Any = None) -> Any:
+    """The estimator that a table describes.
+
+    Args:
+        table: Of :func:`estimator_table`.
+        body: The embodiment, for a class that wants one.
+
+    Raises:
+        InvalidConfig: The class refuses its settings, or what it makes cannot fit.
+        UnknownName: No such class or module.
+    """
+    name, settings = _single("estimator", table)
+    cls = _class(name)
+    arguments = {key: _built(value, body) for key, value in settings.items()}
+    try:
+        if "body" in _parameters(cls):
+            arguments["body"] = body
+        estimator = cls(**arguments)
+    except (TypeError, ValueError) as problem:
+        raise InvalidConfig(f"estimator {name}: {problem}") from None
+    if not callable(getattr(estimator, "fit", None)):
+        raise InvalidConfig(f"estimator {name} has no fit(experience, seed)")
+    return estimator
+
+
+def _class(name: str) -> type[Any]:
+    if ":" not in name:
+        if name not in estimators.names():
+            raise UnknownName("estimator", name, (*estimators.names(), "package.module:Class"))
+        return getattr(estimators, name)
+    module, _, attribute = name.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as problem:
+        raise InvalidConfig(f"estimator {name}: {problem}") from None
+    if not isinstance(found, type):
+        raise InvalidConfig(f"estimator {name} is no class")
+    return found
+
+
+def _parameters(cls: Callable[..., Any]) -> Mapping[str, Any]:
+    return inspect.signature(cls).parameters
+
+
+def _class_name(cls: type) -> str:
+    if getattr(estimators, cls.__name__, None) is cls:
+        return cls.__name__
+    if cls.__module__ == "__main__" or "<locals>" in cls.__qualname__:
+        raise InvalidConfig(
+            f"estimator {cls.__name__} cannot be found by workers; define it at the top of a module they can import"
+        )
+    return f"{cls.__module__}:{cls.__qualname__}"
+
+
+def _fields(spec: Any) -> Table:
+    values = {}
+    for field in dataclasses.fields(spec):
+        value = getattr(spec, field.name)
+        if value is None and field.default is not None:
+            raise InvalidConfig(f"{type(spec).__name__}.{field.name}=None cannot be written into a study's file")
+        if field.init and field.name != "body":
+            values[field.name] = plain(f"{type(spec).__name__}.{field.name}", value)
+    return _without_none(values)
+
+
+def _built(value: Any, body: Any) -> Any:
+    """A setting as its class wants it: nested estimators built, lists as tuples (specs are frozen)."""
+    if isinstance(value, dict):
+        if len(value) == 1 and (":" in (key := next(iter(value))) or key in estimators.names()):
+            return build_estimator(value, body)
+        return {key: _built(item, body) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(_built(item, body) for item in value)
+    return value
+
+
+# Tables --------------------------------------------------------------------------------------------------------------
+
+
+def plain(what: str, value: Any) -> Any:
+    """The value as TOML can say it: tuples as lists, estimators and tables of settings as tables.
+
+    Raises:
+        InvalidConfig: Something that has no place in a file; names it.
+    """
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    if isinstance(value, list | tuple):
+        return [plain(what, item) for item in value]
+    if isinstance(value, Mapping):
+        return {str(key): plain(what, item) for key, item in value.items()}
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {_class_name(type(value)): _fields(value)} if hasattr(value, "fit") else _fields(value)
+    raise InvalidConfig(f"{what} is {type(value).__name__}, which cannot be written into a study's file")
+
+
+def _motion_settings(kind: str, given: Any, instead: Table) -> Table:
+    """All settings of a motion: as given, else as ``instead``, else its function's defaults."""
+    parameters = inspect.signature(MOTIONS[kind]).parameters
+    known = [name for name in parameters if name not in ("body", "seed")]
+    settings = _table(kind, given)
+    _refuse_unknown(f"motion '{kind}'", settings, known)
+    settings = {name: plain(f"{kind}: {name}", value) for name, value in settings.items()}
+    for name in settings:
+        if settings[name] is None and parameters[name].default is not None:
+            raise InvalidConfig(f"{kind}: {name}=None cannot be written into a study's file; give a value")
+    found = {name: plain(name, parameters[name].default) for name in known}
+    found |= {name: value for name, value in instead.items() if name in known} | settings
+    if found["dynamics"]:
+        drag = _table("drag", found.get("drag") or {})
+        _refuse_unknown("drag", drag, [field.name for field in dataclasses.fields(DragSettings)])
+        found["drag"] = dataclasses.asdict(DragSettings(**drag))
+    elif "drag" in settings:
+        raise InvalidConfig(f"{kind}: drag: these settings are of the dynamics; use dynamics=True with them")
+    else:
+        found.pop("drag", None)
+    return _without_none(found)
+
+
+def _without_none(table: Table) -> Table:
+    """TOML has no None; what is left out is None again by default."""
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def _table(what: str, value: Any) -> Table:
+    if not isinstance(value, Mapping):
+        raise InvalidConfig(f"{what} is {value!r}; give a table of settings")
+    return dict(value)
+
+
+def _single(what: str, spec: Any) -> tuple[str, Any]:
+    if not isinstance(spec, Mapping) or len(spec) != 1:
+        raise InvalidConfig(f"{what} {spec!r}: give a name, or one name with its settings, {{NAME: {{...}}}}")
+    return next(iter(spec.items()))
+
+
+def _refuse_unknown(what: str, table: Mapping[str, Any], known: Any) -> None:
+    for name in table:
+        if name not in tuple(known):
+            raise InvalidConfig(str(UnknownName(f"setting of {what}", name, known)))
