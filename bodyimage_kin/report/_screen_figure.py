@@ -57,6 +57,7 @@ def virtual_screen(body: Embodiment, postures: Mapping[str, ArrayLike] | None = 
     with torch.no_grad():
         hands = {name: body.hand_in_camera(posture).numpy() * _MM for name, posture in q.items()}
         images = {name: body.hand_image(posture).numpy() * _MM for name, posture in q.items()}
+    h_z = body.camera.screen_distance * _MM
     # Depth one axis, x or y the other; both sections share the scale.
     reach = 1.1 * max(hand[2] + body.hand.radius * _MM for hand in hands.values())
     aside = max(float(np.abs(hand[:2]).max()) for hand in hands.values()) + 1.6 * body.hand.radius * _MM
@@ -70,9 +71,9 @@ def virtual_screen(body: Embodiment, postures: Mapping[str, ArrayLike] | None = 
     ):
         _scene(axes, body, camera_T_skin, axis, (behind, reach), aside)
         for (hand, centre), colour, line in zip(hands.items(), _HANDS, _HAND_LINES, strict=False):
-            _hand(axes, centre, images[hand], axis, body.hand.radius * _MM, colour, line, hand)
+            _hand(axes, centre, images[hand], axis, body.hand.radius * _MM, h_z, colour, line, hand)
         last = list(hands)[-1]
-        _dimensions(axes, hands[last], images[last], axis, name, body.camera.screen_distance * _MM, aside)
+        _dimensions(axes, hands[last], images[last], axis, name, h_z, aside)
         axes.set(xlim=(behind, reach), ylim=(aside, -aside), aspect="equal")
         axes.set(xlabel="z [mm]", ylabel=f"{name} [mm]", title=f"section {'x' if axis else 'y'} = 0, seen {seen}")
         axes.set_title(f"({letter})", loc="left")
@@ -166,7 +167,7 @@ def _section(axes: Axes, body: Embodiment, camera_T_skin: Float[np.ndarray, "4 4
     axes.plot(front, across, **outline, label="profile")
     axes.plot([front[0], *back, front[-1]], [across[0], *across, across[-1]], **outline)
     taxels = (body.skin.link_positions @ rotation.T + origin) * _MM
-    spacing = np.sort(np.linalg.norm(taxels[1:] - taxels[0], axis=1))[:1].sum()
+    spacing = max(np.divide(body.skin.patch.size, np.maximum(np.subtract(body.skin.shape, 1), 1))) * _MM
     near = taxels[np.abs(taxels[:, 1 - axis]) <= 0.5 * spacing]
     axes.plot(near[:, 2], near[:, axis], "o", color="black", markersize=1.8, zorder=4, label="taxels")
 
@@ -177,6 +178,7 @@ def _hand(
     image: Float[np.ndarray, "2"],
     axis: int,
     radius: float,
+    h_z: float,
     colour: str,
     line: Any,
     name: str,
@@ -186,10 +188,9 @@ def _hand(
     axes.add_patch(Circle(place, radius, fill=False, edgecolor=colour, linewidth=1.0, linestyle=line, zorder=5))
     axes.plot(*place, "+", color=colour, markersize=5, zorder=6, label=f"hand: {name}")
     axes.plot([0, place[0]], [0, place[1]], color=colour, linewidth=0.9, linestyle=line, zorder=5)
-    h_z = place[0] * image[axis] / place[1] if place[1] else None
     axes.plot(
-        [_depth_of_screen(axes) if h_z is None else h_z],
-        [image[axis]],
+        h_z,
+        image[axis],
         "X",
         color=colour,
         markeredgecolor="white",
@@ -198,10 +199,6 @@ def _hand(
         zorder=8,
         label=f"image: {name}",
     )
-
-
-def _depth_of_screen(axes: Axes) -> float:
-    return float(next(line for line in axes.get_lines() if line.get_label() == "screen").get_xdata()[0])  # type: ignore[index,arg-type]
 
 
 def _dimensions(

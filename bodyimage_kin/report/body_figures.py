@@ -71,7 +71,9 @@ def posture_grid(body: Embodiment, postures: ArrayLike, *, view: View | None = N
         corner = (side + column * width, bottom + (rows - 1 - row) * height)
         box = (*(corner / size), (width - gap) / size[0], (height - gap) / size[1])
         axes = figure.add_axes(box, label=f"{row},{column}")
-        painted = draw_surface(axes, surface, view, window=window, pixels=round(_POSTURE_PIXELS * max(width, height)))
+        painted = draw_surface(
+            axes, surface, view, window=window, pixels=round(_POSTURE_PIXELS * (max(width, height) - gap))
+        )
         # Steps too fine to see, kept by drawing pixel on pixel: many small pictures in a small file.
         painted.set_data(np.round(np.asarray(painted.get_array()) * 48) / 48)
         painted.set_interpolation("nearest")
@@ -276,9 +278,7 @@ def _table(axes: Axes, body: Embodiment, parts: Sequence[Limb], count: float, he
     axes.axhline(y + 0.1, color="black", linewidth=0.6)
     masses = link_masses(body.robot)
     total = f", {sum(masses.values()):.2f} kg" if masses else ""
-    axes.text(
-        0.0, y + 0.65, f"{body.robot.n} degrees of freedom{total}, {height:.2f} m tall. Numbered: felt joints.", **size
-    )
+    axes.text(0.0, y + 0.65, f"{body.robot.n} degrees of freedom{total}, {height:.2f} m tall. Numbered: felt.", **size)
     axes.text(0.0, y + 1.55, "Length: to the next joint. Mass: of what lies between the two.", **size)
 
 

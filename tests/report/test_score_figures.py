@@ -1,0 +1,102 @@
+"""Figures of scores show the numbers they are given, each kind told apart without colour."""
+
+import numpy as np
+import pytest
+
+from bodyimage_kin.errors import InvalidArray, InvalidConfig
+from bodyimage_kin.report import score_figures, style
+
+PARTS = ("depth", "mean_excited", "mean_unexcited", "variation")
+BAR = dict(zip(PARTS, (0.4, 0.1, 0.05, 0.25), strict=True))
+DOSES = np.linspace(0, 1, 9)
+GRID = np.stack(np.meshgrid(np.linspace(-0.03, 0.03, 4), np.linspace(-0.02, 0.02, 3)), -1)
+MADE = {
+    "attribution": lambda: score_figures.attribution_bars(
+        {"on_face": {"least_squares": BAR, "PaperMLP": BAR}, "in_front": {"least_squares": BAR}}
+    ),
+    "dose": lambda: score_figures.dose_response(
+        {"rotated": 60 * DOSES, "noise": np.geomspace(0.01, 1, 9)},
+        {"rotated": {"relative_error": DOSES, "span": DOSES**2}, "noise": {"span": DOSES**3}},
+        dose_labels={"rotated": "angle [deg]"},
+    ),
+    "posture_map": lambda: score_figures.posture_map(GRID, {"paper_mlp": 0.5 * GRID, "direct": GRID}),
+}
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_figures_are_reproducible_small_and_whole(tmp_path, name):
+    figure = MADE[name]()
+    first, anew = (style.save(made, tmp_path, f"{name}{i}") for i, made in enumerate([figure, MADE[name]()]))
+    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in anew]
+    assert first[0].stat().st_size < 200_000
+    drawn = figure.get_tightbbox().get_points()
+    assert (drawn >= -0.02).all(), "something is cut off"
+    assert (drawn <= figure.get_size_inches() + 0.02).all(), "something is cut off"
+
+
+def test_bars_are_stacked_to_the_squared_error():
+    face, front = MADE["attribution"]().axes
+    bars = [patch for patch in face.patches if abs(patch.get_x() + patch.get_width() / 2) < 1e-9]
+    assert [stack.get_label() for stack in face.containers[:4]] == list(PARTS)
+    assert [bar.get_height() for bar in bars] == pytest.approx(list(BAR.values()))
+    assert [bar.get_y() for bar in bars] == pytest.approx([0, 0.4, 0.5, 0.55])
+    assert [text.get_text() for text in face.texts] == ["0.80", "0.80", "zero Jacobian"]
+    assert len(front.patches) == len(PARTS), "an estimator that was not run has no bar"
+    assert face.get_ylim() == front.get_ylim()
+    assert [label.get_text() for label in face.get_xticklabels()] == ["least squares", "paper's network"]
+    assert face.get_ylabel() == "squared relative error"
+    looks = {(bar.get_facecolor(), bar.get_hatch()) for bar in bars}
+    greys = sorted(np.dot(colour[:3], [0.299, 0.587, 0.114]) for colour, _ in looks)
+    assert min(np.diff(greys)) > 0.05, "told apart in grey"
+
+
+def test_power_is_a_line_a_measure_over_its_own_doses():
+    rotated, noise = MADE["dose"]().axes
+    curves = {line.get_label(): line.get_xydata() for line in rotated.get_lines()}
+    assert curves["relative error"] == pytest.approx(np.c_[60 * DOSES, DOSES])
+    assert curves["span"] == pytest.approx(np.c_[60 * DOSES, DOSES**2])
+    assert (rotated.get_xlabel(), noise.get_xlabel()) == ("angle [deg]", "dose")
+    assert (rotated.get_xscale(), noise.get_xscale()) == ("linear", "log")
+    assert legend(rotated.figure) == ["relative error", "span", "false alarms, 0.05"]
+    assert any(np.allclose(line.get_ydata(), 0.05) for line in noise.get_lines())
+    styles = [line.get_linestyle() for line in rotated.get_lines()[:2]]
+    assert styles[0] != styles[1] or rotated.get_lines()[0].get_marker() != rotated.get_lines()[1].get_marker()
+    shared = score_figures.dose_response(DOSES, {"scaled": {"span": DOSES}})
+    assert shared.axes[0].get_lines()[0].get_xdata() == pytest.approx(DOSES)
+
+
+def test_each_unit_is_tied_to_where_its_posture_truly_is():
+    learned, sight = MADE["posture_map"]().axes
+    ties = next(line for line in learned.get_lines() if line.get_label() == "error").get_xydata().reshape(-1, 3, 2)
+    assert ties[:, 0] == pytest.approx(1000 * GRID.reshape(-1, 2))
+    assert ties[:, 1] == pytest.approx(500 * GRID.reshape(-1, 2))
+    assert [axes.get_title() for axes in (learned, sight)] == ["paper's network", "direct sight"]
+    assert learned.get_ylim()[0] > learned.get_ylim()[1], "y runs down"
+    assert (learned.get_xlabel(), learned.get_ylabel()) == ("x [mm]", "y [mm]")
+    hidden = GRID.copy()
+    hidden[0, 0] = np.nan
+    assert score_figures.posture_map(hidden, {"direct": GRID}).axes
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "match"),
+    [
+        (lambda: score_figures.attribution_bars({}), InvalidConfig, "empty"),
+        (lambda: score_figures.attribution_bars({"a": {"b": {"depth": 1.0}}}), InvalidConfig, "variation"),
+        (lambda: score_figures.attribution_bars({"a": {"b": BAR | {"depth": -0.1}}}), InvalidArray, "negative"),
+        (lambda: score_figures.dose_response(DOSES, {}), InvalidConfig, "empty"),
+        (lambda: score_figures.dose_response({"a": DOSES}, {"b": {"span": DOSES}}), InvalidConfig, "no doses"),
+        (lambda: score_figures.dose_response(DOSES, {"b": {"span": DOSES[1:]}}), InvalidArray, "shape"),
+        (lambda: score_figures.dose_response(DOSES, {"b": {"span": 2 * DOSES}}), InvalidArray, "probability"),
+        (lambda: score_figures.posture_map(GRID, {}), InvalidConfig, "empty"),
+        (lambda: score_figures.posture_map(GRID, {"direct": GRID[1:]}), InvalidArray, "shape"),
+        (lambda: score_figures.posture_map(np.nan * GRID, {"direct": GRID}), InvalidArray, "finite"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(call, error, match):
+    with pytest.raises(error, match=match):
+        call()
