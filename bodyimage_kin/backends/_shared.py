@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from bodyimage_kin._arrays import ArrayLike, as_postures, refuse_not_finite
-from bodyimage_kin.backends import _derivatives
+from bodyimage_kin.backends import _derivatives, _stream
 from bodyimage_kin.backends._protocol import Kinematics, abilities, moving_columns
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, NotDifferentiable, UnsupportedDevice
 from bodyimage_kin.robot import Robot
@@ -131,6 +131,36 @@ class RobotKinematics:
         if out is not None:
             pose, jacobian = out[0].copy_(pose), out[1].copy_(jacobian)
         return pose, jacobian
+
+    def stream(
+        self, source: Any, link: str, batch: int = 16384
+    ) -> Iterator[tuple[Float[Tensor, "batch 4 4"], Float[Tensor, "batch 6 n"]]]:
+        """Pose and Jacobian of any number of postures, in constant memory.
+
+        **What is given is used again**: each pair is overwritten by the next one. Reduce it, or copy what is to stay::
+
+            for pose, jacobian in kin.stream(np.load("postures.npy", mmap_mode="r"), "hand"):
+                total += jacobian.square().sum()
+
+        Args:
+            source: Postures (N, n), as an array, a tensor or a memory map, or an iterable (a generator, say) of such.
+            link: Name of the link.
+            batch: Most postures at a time. What fits the processor's caches is fastest.
+
+        Returns:
+            An iterator over pairs as :meth:`pose_and_jacobian` gives them, in the order of the source; the largest has
+            ``batch`` postures.
+
+        Raises:
+            NotDifferentiable: Postures that require a gradient (when the iterator comes to them).
+            InvalidConfig: A ``batch`` that is no positive number.
+            InvalidPosture: As in :meth:`pose`, and so for the other errors (when the iterator comes to them).
+        """
+        self._paths.get(link) or self._path(link)
+        if batch < 1:
+            raise InvalidConfig(f"batch is {batch!r}; give a positive whole number")
+        postures = _stream.chunks(source, self._n, batch)
+        return _stream.stream(postures, lambda q, out: self.pose_and_jacobian(q, link, out), self._n, batch)
 
     def hessian(self, q: ArrayLike, link: str) -> Float[Tensor, "*batch 6 n n"]:
         """Derivative of the Jacobian: ``[..., i, k] = d jacobian(q, link)[..., i] / d q[k]``, ``local_world_aligned``.
