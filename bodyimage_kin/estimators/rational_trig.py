@@ -20,7 +20,7 @@ from torch import Tensor
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import choose, samples
 from bodyimage_kin.estimators._trigonometric import TrigBasis
-from bodyimage_kin.estimators.base import Estimator, require
+from bodyimage_kin.estimators.base import Estimator, is_count, require
 from bodyimage_kin.estimators.trig_ridge import check_trigonometric
 
 _PENALTIES = torch.logspace(0, -11, 23, dtype=torch.float64)
@@ -103,7 +103,7 @@ class RationalTrig(Estimator):
 
     def __post_init__(self) -> None:
         check_trigonometric(self.degree, self.penalty, self.roughness, self.folds)
-        whole = isinstance(self.iterations, int) and self.iterations > 0
+        whole = is_count(self.iterations, 1)
         require(whole, "iterations", self.iterations, "a positive whole number")
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> RationalImage:

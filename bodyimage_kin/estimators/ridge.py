@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from bodyimage_kin.estimators._samples import choose
-from bodyimage_kin.estimators.base import Estimator, pairs, require
+from bodyimage_kin.estimators.base import Estimator, is_count, pairs, require
 from bodyimage_kin.estimators.least_squares import ConstantJacobian
 
 
@@ -54,7 +54,7 @@ class Ridge(Estimator):
         require(
             self.penalty is None or 0 <= self.penalty < float("inf"), "penalty", self.penalty, "at least 0, or None"
         )
-        require(isinstance(self.folds, int) and self.folds > 1, "folds", self.folds, "a whole number of at least 2")
+        require(is_count(self.folds, 2), "folds", self.folds, "a whole number of at least 2")
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""

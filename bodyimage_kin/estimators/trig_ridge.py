@@ -14,7 +14,7 @@ from torch import Tensor
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import samples
 from bodyimage_kin.estimators._trigonometric import TrigBasis
-from bodyimage_kin.estimators.base import Estimator, require
+from bodyimage_kin.estimators.base import Estimator, is_count, require
 from bodyimage_kin.estimators.ridge import ridge, ridge_penalty
 
 
@@ -64,11 +64,11 @@ class TrigImage(ImageModel):
 
 def check_trigonometric(degree: int | None, penalty: float | None, roughness: float, folds: int) -> None:
     """Raises InvalidConfig unless these are settings of a trigonometric estimator."""
-    whole = isinstance(degree, int) and degree > 0
+    whole = is_count(degree, 1)
     require(degree is None or whole, "degree", degree, "a positive whole number, or None")
     require(penalty is None or 0 < penalty < float("inf"), "penalty", penalty, "a positive number, or None")
     require(1 <= roughness < float("inf"), "roughness", roughness, "a number of at least 1")
-    require(isinstance(folds, int) and folds > 1, "folds", folds, "a whole number of at least 2")
+    require(is_count(folds, 2), "folds", folds, "a whole number of at least 2")
 
 
 @dataclass(frozen=True)

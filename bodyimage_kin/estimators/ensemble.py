@@ -1,0 +1,153 @@
+"""Several learners of one kind, their mean, and their disagreement (Lakshminarayanan, Pritzel and Blundell 2017)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import xarray as xr
+from jaxtyping import Float
+from torch import Tensor
+
+from bodyimage_kin._arrays import ArrayLike
+from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, is_count, require
+
+_ARCS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class EnsembleJacobian(LearnedJacobian):
+    """The mean of its members; what they disagree on is what the experience leaves open.
+
+    Attributes:
+        members: Learned Jacobians.
+    """
+
+    members: tuple[LearnedJacobian, ...]
+
+    kind = "ensemble"
+
+    @property
+    def p(self) -> int:  # type: ignore[override]
+        """Number of felt joints."""
+        return self.members[0].p
+
+    @property
+    def m(self) -> int:  # type: ignore[override]
+        """Number of coordinates of a hand image."""
+        return self.members[0].m
+
+    def _displacement(self, q: Float[Tensor, "*batch p"], dq: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
+        return torch.stack([member.displacement(q, dq) for member in self.members]).mean(0)
+
+    def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
+        return self.member_jacobians(q).mean(0)
+
+    def member_jacobians(self, q: ArrayLike) -> Float[Tensor, "members *batch m p"]:
+        """Each member's Jacobian [m/rad].
+
+        Args:
+            q: Postures ``(*batch, p)`` [rad].
+
+        Raises:
+            InvalidPosture: A last axis that is not of p joints.
+        """
+        return torch.stack([member.jacobian(q) for member in self.members])
+
+    def jacobian_draws(self, q: ArrayLike, draws: int, seed: int = 0) -> Float[Tensor, "draws *batch m p"]:
+        """Jacobians of members drawn at random, with replacement [m/rad].
+
+        Args:
+            q: Postures ``(*batch, p)`` [rad].
+            draws: How many.
+            seed: Same seed, same members.
+
+        Raises:
+            InvalidConfig: Not a positive number of draws.
+            InvalidPosture: A last axis that is not of p joints.
+        """
+        require(is_count(draws, 1), "draws", draws, "a positive whole number")
+        drawn = np.random.default_rng(seed).integers(len(self.members), size=draws)
+        return self.member_jacobians(q)[torch.from_numpy(drawn)]
+
+    def jacobian_std(self, q: ArrayLike) -> Float[Tensor, "*batch m p"]:
+        """Standard deviation of each entry of the Jacobian over the members [m/rad].
+
+        Args:
+            q: Postures ``(*batch, p)`` [rad].
+
+        Raises:
+            InvalidPosture: A last axis that is not of p joints.
+        """
+        return self.member_jacobians(q).std(0)
+
+    def arrays(self) -> Mapping[str, Tensor]:
+        """Everything the members learned; names tell member and kind."""
+        return {
+            f"{index:03d}:{member.kind}:{name}": array
+            for index, member in enumerate(self.members)
+            for name, array in member.arrays().items()
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> EnsembleJacobian:
+        """The inverse of :meth:`arrays`.
+
+        Raises:
+            InvalidConfig: Names of arrays that tell no member.
+            UnknownName: A member of a kind that this version does not know.
+        """
+        # The list of kinds holds this class too, so it can only be asked for once both are there.
+        from bodyimage_kin.estimators import learned_from_arrays
+
+        members: dict[str, dict[str, Tensor]] = {}
+        for name, array in arrays.items():
+            index, kind, own = [*name.split(":", 2), "", ""][:3]
+            members.setdefault(f"{index}:{kind}", {})[own] = array
+        if not members:
+            raise InvalidConfig("an ensemble without members cannot be loaded")
+        return cls(tuple(learned_from_arrays(name.partition(":")[2], own) for name, own in sorted(members.items())))
+
+
+@dataclass(frozen=True)
+class Ensemble(Estimator):
+    """Learns several times, with seeds of its own for each member, and averages.
+
+    An estimator that draws nothing at random gives members that are all alike, unless each misses some arcs.
+
+    Attributes:
+        spec: The estimator that each member is learned by.
+        members: How many, at least 2.
+        missing: Share of the experience's arcs that each member does not see, others for each (a jackknife).
+    """
+
+    spec: Estimator
+    members: int = 5
+    missing: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(isinstance(self.spec, Estimator), "spec", self.spec, "an estimator")
+        whole = is_count(self.members, 2)
+        require(whole, "members", self.members, "a whole number of at least 2")
+        require(0 <= self.missing < 1, "missing", self.missing, "a share below 1")
+
+    def fit(self, exp: xr.Dataset, seed: int = 0) -> EnsembleJacobian:
+        """Learns from an experience; the seed spawns one for each member. See :meth:`Estimator.fit`."""
+        streams = np.random.SeedSequence(seed).spawn(self.members)
+        experiences = [self._partly(exp, np.random.default_rng(stream)) for stream in streams]
+        seeds = [int(stream.generate_state(1)[0]) for stream in streams]
+        return EnsembleJacobian(tuple(self.spec.fit_many(experiences, seeds)))
+
+    def _partly(self, exp: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
+        """The experience, the hand unseen in some arcs of each trial."""
+        hidden = round(self.missing * _ARCS)
+        if hidden == 0:
+            return exp
+        image = exp["hand_image"].copy()
+        arc = np.arange(image.sizes["time"]) * _ARCS // image.sizes["time"]
+        for trial in range(image.sizes["trial"]):
+            image.values[trial, np.isin(arc, rng.choice(_ARCS, hidden, replace=False))] = np.nan
+        return exp.assign(hand_image=image)

@@ -1,0 +1,147 @@
+"""Self-calibration: the body's structure is known, its measures are not and are found from what is seen.
+
+The strongest competitor of a learned Jacobian: who knows that the arm is a chain of joints and the eye a pinhole has
+only a few dozen numbers to learn, and what explains the images in sight holds out of sight as well (Hollerbach
+and Wampler 1996).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+import torch
+import xarray as xr
+from jaxtyping import Float
+from torch import Tensor
+
+from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.estimators._chain import Chain
+from bodyimage_kin.estimators._field import ImageModel
+from bodyimage_kin.estimators._samples import Samples, samples
+from bodyimage_kin.estimators.base import Estimator, is_count, require
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedChain(ImageModel):
+    """A chain of joints from camera to hand, its geometry found from images.
+
+    Attributes:
+        chain: The geometry; offsets are to an unknown common scale, which no image shows.
+    """
+
+    chain: Chain
+
+    kind = "calibrated_chain"
+
+    @property
+    def p(self) -> int:  # type: ignore[override]
+        """Number of felt joints."""
+        return self.chain.mix.shape[1]
+
+    @property
+    def m(self) -> int:  # type: ignore[override]
+        """Number of coordinates of a hand image."""
+        return 2
+
+    def _image(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
+        image = self.chain.image(self.chain.point(q.reshape(-1, self.p)))
+        return image.reshape(*q.shape[:-1], self.m)
+
+    def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
+        point, moved = self.chain.point_jacobian(q.reshape(-1, self.p))
+        return (self.chain.image_slope(point) @ moved).reshape(*q.shape[:-1], self.m, self.p)
+
+    def arrays(self) -> Mapping[str, Tensor]:
+        """The chain."""
+        chain = self.chain
+        return {
+            "axes": chain.axes,
+            "offsets": chain.offsets,
+            "mix": chain.mix,
+            "shift": chain.shift,
+            "revolute": chain.revolute,
+            "screen_distance": torch.tensor(chain.screen_distance, dtype=torch.float64),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> CalibratedChain:
+        """The inverse of :meth:`arrays`."""
+        geometry = (arrays["axes"], arrays["offsets"], arrays["mix"], arrays["shift"], arrays["revolute"])
+        return cls(Chain(*geometry, float(arrays["screen_distance"])))
+
+
+@dataclass(frozen=True, eq=False)
+class SelfCalibration(Estimator):
+    """Finds the axes and offsets of the chain from camera to hand that explain the hand images seen.
+
+    Prior knowledge, all of it: which joints stand between camera and hand, in which order, and whether they turn or
+    slide; the camera's screen distance; and roughly the geometry, as a start: the body's own, every axis and offset
+    disturbed at random. Each start descends on what was seen (nonlinear least squares within a trust region); the one
+    that explains it best is kept.
+
+    Attributes:
+        body: Whose structure is known.
+        starts: Number of disturbed starts.
+        axis_spread: Standard deviation of what is added to each component of a unit axis, at each start.
+        offset_spread: Standard deviation of what is added to each component of an offset, at each start [m].
+        steps: Most steps of descent from each start.
+    """
+
+    body: Embodiment
+    starts: int = 6
+    axis_spread: float = 0.2
+    offset_spread: float = 0.02
+    steps: int = 100
+
+    def __post_init__(self) -> None:
+        require(is_count(self.starts, 1), "starts", self.starts, "a positive whole number")
+        require(0 <= self.axis_spread < math.inf, "axis_spread", self.axis_spread, "a number of at least 0")
+        require(0 <= self.offset_spread < math.inf, "offset_spread", self.offset_spread, "a number of at least 0 [m]")
+        require(is_count(self.steps, 1), "steps", self.steps, "a positive whole number")
+
+    def fit(self, exp: xr.Dataset, seed: int = 0) -> CalibratedChain:
+        """Learns from an experience; the seed draws the starts. See :meth:`Estimator.fit`.
+
+        Raises:
+            InvalidConfig: An experience of another number of felt joints than the body has.
+        """
+        data = samples(exp)
+        chain = Chain.of(self.body)
+        if data.q.shape[1] != self.body.p:
+            raise InvalidConfig(
+                f"the experience is of {data.q.shape[1]} felt joints, embodiment '{self.body.name}' has {self.body.p}; "
+                "give the body it was recorded with"
+            )
+        spread = torch.cat(
+            [
+                torch.full_like(chain.axes.flatten(), self.axis_spread),
+                torch.full_like(chain.offsets.flatten(), self.offset_spread),
+            ]
+        )
+        found = []
+        for stream in np.random.SeedSequence(seed).spawn(self.starts):
+            normal = torch.from_numpy(np.random.default_rng(stream).standard_normal(len(spread)))
+            found.append(self._descend(chain, chain.geometry + spread * normal, data))
+        return CalibratedChain(chain.with_geometry(min(found, key=lambda result: result[0])[1]))
+
+    def _descend(self, chain: Chain, start: Float[Tensor, "parameters"], data: Samples) -> tuple[float, Tensor]:
+        """Cost and geometry at the end."""
+        unit = float(data.image.std(correction=0).clamp(min=1e-12))
+
+        def residual(parameters: Float[np.ndarray, "parameters"]) -> Float[np.ndarray, "residuals"]:
+            image, _ = chain.with_geometry(torch.from_numpy(parameters)).fit_terms(data.q)
+            return ((image - data.image) / unit).flatten().numpy()
+
+        def slope(parameters: Float[np.ndarray, "parameters"]) -> Float[np.ndarray, "residuals parameters"]:
+            _, moved = chain.with_geometry(torch.from_numpy(parameters)).fit_terms(data.q)
+            return (moved / unit).flatten(0, 1).numpy()
+
+        end = scipy.optimize.least_squares(
+            residual, start.numpy(), slope, method="trf", x_scale="jac", max_nfev=self.steps, xtol=1e-12, ftol=1e-12
+        )
+        return float(end.cost), torch.from_numpy(end.x)
