@@ -313,7 +313,7 @@ def run(seeds: int, duration: float) -> dict[str, Any]:
             for motion, world in worlds.items():
                 for ambiguity, (measures, readings) in {**NETWORKS, **MAPS}.items():
                     note(ambiguity, measures, motion, readings(world))
-                chain = ("displacement", "face", "tour", "topological")
+                chain = ("displacement", "face", "topological")
                 note("posture", chain, motion, posture(world))
                 note("jacobian", ("displacement", "tour", "touch"), motion, jacobian_of_f(world))
                 note("reset_to", ("touch", "span", "topological"), motion, reset_to(world))

@@ -1,0 +1,102 @@
+"""What the documentation says is so: its examples run, the tests and tables it names are there."""
+
+import ast
+import pkgutil
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import bodyimage_kin as bk
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+
+
+def python_blocks(page):
+    """(first line, code) of each Python block of a Markdown page."""
+    text = page.read_text(encoding="utf-8")
+    return [
+        (text.count("\n", 0, found.start(1)) + 1, found.group(1))
+        for found in re.finditer(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    ]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "quickstart.md"], ids=lambda page: page.name)
+def test_examples_run_one_after_the_other(page, tmp_path, monkeypatch, capsys):
+    # The pages' "robot.urdf" is any robot of the reader's.
+    shutil.copy(ROOT / "urdf" / "infant.urdf", tmp_path / "robot.urdf")
+    monkeypatch.chdir(tmp_path)
+    blocks = python_blocks(page)
+    assert len(blocks) > 1
+    names = {}
+    for line, code in blocks:
+        # Line numbers of the page, so that a failure points there.
+        exec(compile("\n" * (line - 1) + code, str(page), "exec"), names)
+    assert capsys.readouterr().out
+    # What the pages promise of the numbers they print.
+    relative_error = names["errors"].relative_error.median().item()
+    assert 0.0 < relative_error < 1.0
+    assert names["J"].shape[0] == 1000
+    assert bk.metrics.topological_error(names["maps"].tactile_map) < 320
+
+
+def test_every_equation_names_tests_that_exist():
+    text = (DOCS / "equations.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", text)
+    assert len(named) > 25
+    for path, test in named:
+        tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+        assert test in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, f"{path}::{test}"
+
+
+def test_no_equation_is_missing():
+    rows = re.findall(r"^\| ([\d, ]+)(?:, literal)? \|", (DOCS / "equations.md").read_text(), re.MULTILINE)
+    assert {int(number) for row in rows for number in row.split(",")} == set(range(1, 20))
+
+
+def test_every_name_the_pages_link_to_is_there():
+    linked = set()
+    for page in DOCS.rglob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        linked |= {one or other for one, other in re.findall(r"\{py:\w+\}`(?:[^`<]*<([\w.]+)>|~?([\w.]+))`", text)}
+    assert len(linked) > 40
+    for name in linked:
+        pkgutil.resolve_name(name)
+
+
+def test_every_table_of_the_ambiguities_is_shown():
+    table = (ROOT / "comparisons/fuke2007/ambiguities.md").read_text(encoding="utf-8")
+    page = (DOCS / "ambiguities.md").read_text(encoding="utf-8")
+    for edge, side in (("start-after", "begin"), ("end-before", "end")):
+        shown = re.findall(rf':{edge}: "<!-- {side} (\w+) -->"', page)
+        assert sorted(shown) == sorted(re.findall(rf"<!-- {side} (\w+) -->", table))
+
+
+def test_every_dependency_is_explained():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = [name for extra in project["optional-dependencies"].values() for name in extra]
+    wanted = {re.match(r"[\w-]+", name).group() for name in [*project["dependencies"], *extras]} - {"bodyimage-kin"}
+    rows = [
+        line.strip("| ").split(" | ")
+        for line in (DOCS / "dependencies.md").read_text().splitlines()
+        if line[:3] == "| `"
+    ]
+    # The cell before the last names the libraries.
+    assert {name for row in rows for name in re.findall(r"`([\w-]+)`", row[-2])} == wanted
+
+
+@pytest.mark.slow
+def test_the_documentation_builds_without_a_warning(tmp_path):
+    pytest.importorskip("sphinx")
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", str(DOCS), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
