@@ -74,7 +74,7 @@ def conform(
         raise InvalidConfig(f"no law {unknown[0]!r}; valid: {', '.join(LAWS)}")
     libraries = _libraries(backends)
     read, refused = _robots(target)
-    asked_on = _drawn(robots, examples) if read is None else read
+    asked_on = random_cases(robots, examples) if read is None else read
     verdicts = []
     for name, build in libraries.items():
         for law in asked:
@@ -219,8 +219,8 @@ def _failure(name: str, build: Build, law: Law, seen: _Seen, kind: str, out: Pat
     return Failure(detail, len(problems), seen.asked, case, file)
 
 
-def _drawn(robots: st.SearchStrategy[RobotSpec], count: int) -> list[Case]:
-    """Random cases, always the same ones."""
+def random_cases(robots: st.SearchStrategy[RobotSpec], count: int) -> list[Case]:
+    """Random cases, the same ones every time."""
     drawn: list[Case] = []
 
     @settings(

@@ -22,7 +22,7 @@ INSTALLED = [name for name, state in backends().items() if state == "installed"]
 ALLOWED = 1e-10
 
 
-@pytest.mark.parametrize("examples", [40, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("examples", [15, pytest.param(2000, marks=pytest.mark.slow)])
 def test_backends_and_oracle_agree(examples: int) -> None:
     seen, worst = 0, 0.0
 

@@ -20,6 +20,6 @@ INSTALLED = [name for name, state in backends().items() if state == "installed"]
 @pytest.mark.parametrize("backend", INSTALLED)
 @pytest.mark.parametrize("law", LAWS.values())
 @given(case=cases())
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
 def test_every_backend_keeps_every_law(law: Law, backend: str, case: Case) -> None:
     law(partial(OurKinematics, backend=backend), case)

@@ -8,12 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, Phase, find, given, settings
+from hypothesis import HealthCheck, find, given, settings
 from hypothesis import strategies as st
 
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.testing import Case, RobotSpec, batch_shapes, cases, postures, robots
+from bodyimage_kin.testing.conform import random_cases
 from bodyimage_kin.testing.strategies import KINDS
 
 pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
@@ -86,15 +87,7 @@ FEATURES: dict[str, Callable[[Case], Any]] = {
 
 @pytest.fixture(scope="module")
 def drawn() -> list[Case]:
-    found: list[Case] = []
-
-    @settings(QUIET, max_examples=600, phases=[Phase.generate])
-    @given(case=cases())
-    def draw(case: Case) -> None:
-        found.append(case)
-
-    draw()
-    return found
+    return random_cases(robots(), 600)
 
 
 @pytest.mark.parametrize("feature", FEATURES)
