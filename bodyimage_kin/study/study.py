@@ -184,7 +184,7 @@ class Study:
         Args:
             store: Folder; new, empty, or of this very study.
             executor: None: a pool of processes; ``"in-process"``; a Dask scheduler's address or ``Client``; an
-                ``Executor``. No bit of the result depends on it, :data:`fit_seconds` aside.
+                ``Executor``. No bit of the result depends on it, ``fit_seconds`` aside.
             workers: Of the pool; None: one a processor.
             retry: Whether cells that failed are tried again.
             report: Called with the number of tasks that are done, and their total.
