@@ -1,1 +1,34 @@
 """Figures and pages made of results."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def write(
+    results: xr.Dataset, path: str | os.PathLike[str], *, baseline: str | None = None, atlas: str | None = None
+) -> Path:
+    """Writes a study's results as one HTML page that needs nothing else, no network either.
+
+    Args:
+        results: Of :meth:`bodyimage_kin.Study.run`.
+        path: The page.
+        baseline: Name of the estimator that others are compared with; None: the first.
+        atlas: Name of the estimator whose errors are drawn over the face, where scores of each posture were kept; None:
+            the one with the smallest error.
+
+    Returns:
+        The page's path.
+
+    Raises:
+        UnknownName: No such estimator.
+        InvalidConfig: Not the results of a study.
+    """
+    from bodyimage_kin.report import study_page
+
+    return study_page.write(results, Path(path), baseline, atlas)

@@ -2,7 +2,7 @@
 
 ::
 
-    bodyimage_kin.json, study.toml                      what the store is for
+    bodyimage_kin.json                                  what the store is for
     recordings/EMBODIMENT/RECORDING/seed3_training.nc   and _touch, _tour: recordings, one file each
     scenes/EMBODIMENT/RECORDING/block0.nc               what the recordings excite, and how far the probes are
     cells/EMBODIMENT/RECORDING/ESTIMATOR/block0.nc      scores
@@ -39,21 +39,23 @@ class Store:
     folder: Path
 
     @classmethod
-    def claim(cls, folder: Path, origin: Mapping[str, Any]) -> Store:
+    def claim(cls, folder: Path, origin: Mapping[str, Any], begin: Path) -> Store:
         """The store of a study, made when missing.
 
         Args:
             folder: New, empty, or of the same study.
             origin: Config and hashes; all that decides what comes out.
+            begin: Where the study's relative paths begin.
 
         Raises:
             OutputRefused: A folder of something else, or of a study with another origin; says what differs.
         """
         before = settings(folder)
-        if before is not None and (different := list(differences(before, origin))):
+        stored = {key: value for key, value in (before or origin).items() if key != "folder"}
+        if different := list(differences(stored, origin)):
             shown = "; ".join(different[:5]) + (f"; and {len(different) - 5} more" if len(different) > 5 else "")
             raise OutputRefused(f"'{folder}' holds another study: {shown}; name another folder for this one")
-        return cls(_output.claim(folder, KIND, origin))
+        return cls(_output.claim(folder, KIND, {**origin, "folder": str(begin.absolute())}))
 
     def cell(self, ground: Ground, block: int, estimator: str) -> Path:
         """File of a cell."""

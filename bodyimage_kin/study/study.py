@@ -168,6 +168,7 @@ class Study:
             "config": self.table(),
             "urdf_sha256": {name: body.robot.sha256 for name, body in bodies.items()},
             "embodiment_sha256": {name: body.sha256 for name, body in bodies.items()},
+            "skin_shape": {name: list(body.skin.shape) for name, body in bodies.items()},
         }
 
     def run(
@@ -197,8 +198,7 @@ class Study:
             OutputRefused: A store of something else, or of a study with another config or robot.
         """
         origin = self.origin()
-        place = Store.claim(Path(store), origin)
-        self.to_toml(place.folder / "study.toml")
+        place = Store.claim(Path(store), origin, self.folder)
         with executors.executor(executor, workers) as working:
             _Run(self, place, origin, working, retry, report).work()
         return self.gather(place.folder)
@@ -210,7 +210,7 @@ class Study:
             OutputRefused: As :meth:`run`.
         """
         origin = self.origin()
-        place = Store.claim(Path(store), origin)
+        place = Store.claim(Path(store), origin, self.folder)
         return _gather(self, place, origin)
 
     def grounds(self, origin: Mapping[str, Any]) -> Iterator[tuple[int, Ground]]:
@@ -354,6 +354,7 @@ def attributes(origin: Mapping[str, Any]) -> dict[str, str]:
         "config": json.dumps(origin["config"]),
         "urdf_sha256": json.dumps(origin["urdf_sha256"]),
         "embodiment_sha256": json.dumps(origin["embodiment_sha256"]),
+        "skin_shape": json.dumps(origin["skin_shape"]),
         "seeds": json.dumps(origin["config"]["seeds"]),
         "versions": json.dumps(versions()),
     }
