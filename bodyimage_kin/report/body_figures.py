@@ -1,7 +1,7 @@
 """The figures of a body: its postures, its specification, its face, its circle, drawn from its own geometry.
 
-Counterparts of Figs. 3, 4, 5 and 7 of Fuke, Ogino and Asada (2007); Fig. 6 is ``virtual_screen``. Nothing is known
-here but the embodiment: whatever is drawn, named or numbered is read from it.
+Counterparts of Figs. 3 to 7 of Fuke, Ogino and Asada (2007). Nothing is known here but the embodiment: whatever is
+drawn, named or numbered is read from it. The figures of scores beside them are of the room ``score_figures``.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ from bodyimage_kin.report._panels import numbers, scale_bar, within_one
 from bodyimage_kin.report._screen_figure import virtual_screen as virtual_screen
 from bodyimage_kin.report._views import facing, felt_links, posed
 from bodyimage_kin.report.drawing import Surface, View, Window, draw_surface, hidden, project
+from bodyimage_kin.report.score_figures import attribution_bars as attribution_bars
+from bodyimage_kin.report.score_figures import dose_response as dose_response
+from bodyimage_kin.report.score_figures import posture_map as posture_map
 from bodyimage_kin.report.specification import Limb, limbs, link_masses
 from bodyimage_kin.report.visuals import link_poses
 

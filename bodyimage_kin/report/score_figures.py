@@ -17,7 +17,7 @@ from matplotlib.patches import Patch
 
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
 from bodyimage_kin.report import style
-from bodyimage_kin.report._panels import ArrayLike, lattice, legend_above, letters, numbers, reference
+from bodyimage_kin.report._panels import ArrayLike, lattice, legend_above, letters, numbers
 
 _MM = 1000.0
 _PARTS: dict[str, dict[str, Any]] = {
@@ -27,6 +27,7 @@ _PARTS: dict[str, dict[str, Any]] = {
     "variation": {"facecolor": "#e8b04a", "label": "variation with posture"},
 }
 """The parts of ``metrics.Attribution``, from the axis upwards; each its own lightness and hatch."""
+_MORE = (("#000000", "-", "o"), ("#d55e00", (0, (4, 1.5)), "v"), ("#0072b2", (0, (1, 1)), "s"), ("#c9a227", "-", "^"))
 
 
 @style.style()
@@ -37,7 +38,7 @@ def attribution_bars(parts: Mapping[str, Mapping[str, Mapping[str, float]]]) -> 
         parts: By condition and estimator, ``depth``, ``mean_excited``, ``mean_unexcited`` and ``variation``.
 
     Returns:
-        A panel for each condition and a stacked bar for each estimator, its height the squared pooled relative error.
+        A panel for each condition and a stacked bar for each estimator, its length the squared pooled relative error.
         An estimator that a condition lacks has no bar there;
         the error 1 of a Jacobian of zeros is marked where the bars come near it.
 
@@ -52,27 +53,39 @@ def attribution_bars(parts: Mapping[str, Mapping[str, Mapping[str, float]]]) -> 
         condition: {name: _bar(condition, name, bar) for name, bar in of.items()} for condition, of in parts.items()
     }
     top = max(float(bar.sum()) for of in heights.values() for bar in of.values())
-    wide = len(parts) * len(estimators) > 4
-    figure = style.new_figure(style.DOUBLE_COLUMN if wide else style.SINGLE_COLUMN, 2.9)
-    panels = figure.subplots(1, len(parts), sharey=True, squeeze=False)[0]
-    for axes, (condition, of) in zip(panels, heights.items(), strict=True):
+    columns = {1: 1, 2: 2, 4: 2}.get(len(parts), 3)
+    rows = math.ceil(len(parts) / columns)
+    figure = style.new_figure(
+        style.DOUBLE_COLUMN if columns > 1 else style.SINGLE_COLUMN, 0.75 + rows * (0.4 + 0.24 * len(estimators))
+    )
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for index, (axes, (condition, of)) in enumerate(zip(grid.flat, heights.items(), strict=False)):
         for name, bar in of.items():
-            x, bottom = estimators.index(name), 0.0
-            for (part, look), height in zip(_PARTS.items(), bar, strict=True):
-                axes.bar(x, height, 0.68, bottom, **look | {"label": part}, edgecolor="black", linewidth=0.4)
-                bottom += float(height)
-            axes.annotate(f"{bottom:.2f}", (x, bottom), (0, 2), textcoords="offset points", ha="center", fontsize=6.5)
-        axes.set_xticks(range(len(estimators)), [style.label(name) for name in estimators], rotation=30, ha="right")
-        axes.set_xlim(-0.6, len(estimators) - 0.4)
-        axes.set_title(style.label(condition))
-        axes.tick_params(axis="x", length=0)
+            y, left = estimators.index(name), 0.0
+            for (part, look), length in zip(_PARTS.items(), bar, strict=True):
+                axes.barh(y, length, 0.7, left, **look | {"label": part}, edgecolor="black", linewidth=0.4)
+                left += float(length)
+            axes.annotate(f"{left:.2f}", (left, y), (2, 0), textcoords="offset points", va="center", fontsize=6.5)
+        axes.set_yticks(range(len(estimators)), [style.label(name) for name in estimators])
+        axes.tick_params(axis="y", length=0)
+        letter = f"({chr(ord('a') + index)}) " if len(parts) > 1 else ""
+        axes.set_title(letter + style.label(condition), loc="left")
         if top > 0.6:
-            reference(axes, 1.0, "zero Jacobian")
-    panels[0].set_ylim(0, 1.12 * (max(top, 1.0) if top > 0.6 else max(top, 1e-3)))
-    panels[0].set_ylabel("squared relative error")
-    if len(parts) > 1:
-        letters(panels)
-    legend_above(figure, [Patch(**look, edgecolor="black", linewidth=0.4) for look in reversed(_PARTS.values())])
+            axes.axvline(1.0, color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
+        if index + columns >= len(parts):
+            axes.set_xlabel("squared relative error")
+            axes.tick_params(labelbottom=True)
+    for axes in grid.flat[len(parts) :]:
+        axes.remove()
+    # The first estimator on top, room for the numbers at the right.
+    grid[0, 0].set(
+        xlim=(0, 1.18 * (max(top, 1.0) if top > 0.6 else max(top, 1e-3))), ylim=(len(estimators) - 0.4, -0.6)
+    )
+    handles: list[Any] = [Patch(**look, edgecolor="black", linewidth=0.4) for look in _PARTS.values()]
+    handles += (
+        [Line2D([], [], color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), label="zero Jacobian")] if top > 0.6 else []
+    )
+    legend_above(figure, handles, columns=3 if columns > 1 else 1)
     return figure
 
 
@@ -87,7 +100,7 @@ def dose_response(
     """The power of measures to detect a corrupted Jacobian, against how badly it is corrupted.
 
     Args:
-        doses: (dose,) of all corruptions, or by corruption; any unit.
+        doses: (dose,) of all corruptions, or by corruption, the mildest first; any unit.
         power: By corruption and measure, (dose,) the share of corrupted Jacobians that are detected; NaN leaves a gap.
         false_alarms: The share of sound Jacobians that every measure calls corrupted.
         dose_labels: What the dose of each corruption is, with its unit.
@@ -103,7 +116,7 @@ def dose_response(
         raise InvalidConfig("power is empty; give at least one corruption")
     columns = {1: 1, 2: 2, 4: 2}.get(len(power), 3)
     rows = math.ceil(len(power) / columns)
-    looks = style.appearances(dict.fromkeys(name for of in power.values() for name in of))
+    looks = _measure_looks(list(dict.fromkeys(name for of in power.values() for name in of)))
     figure = style.new_figure(style.DOUBLE_COLUMN if columns > 1 else style.SINGLE_COLUMN, 0.5 + 1.9 * rows)
     grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
     handles: dict[str, Line2D] = {}
@@ -121,6 +134,8 @@ def dose_response(
             )
         if (dose > 0).all() and dose.max() > 20 * dose.min():
             axes.set_xscale("log")
+        if dose[-1] < dose[0]:
+            axes.invert_xaxis()
         axes.axhline(float(false_alarms), color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
         axes.set(ylim=(-0.03, 1.05), title=style.label(corruption), xlabel=(dose_labels or {}).get(corruption, "dose"))
         axes.margins(x=0.04)
@@ -135,12 +150,13 @@ def dose_response(
 
 
 @style.style()
-def posture_map(true: ArrayLike, estimates: Mapping[str, ArrayLike]) -> Figure:
+def posture_map(maps: Mapping[str, ArrayLike], true_map: ArrayLike) -> Figure:
     """The images of the representative postures, learned and true (equations 14 and 15 of the paper).
 
     Args:
-        true: (rows, columns, 2) image of the hand in each unit's posture [m]; NaN where it has none.
-        estimates: By name, (rows, columns, 2) image learned for each unit, ``BodyImage.posture_map`` [m].
+        maps: By the name of who estimated, (rows, columns, 2) image learned for each unit, ``BodyImage.posture_map``
+            [m].
+        true_map: (rows, columns, 2) image of the hand in each unit's posture [m]; NaN where it has none.
 
     Returns:
         A panel for each name in [mm], y down, of one scale: the learned lattice over the true one, and a thin line from
@@ -148,15 +164,15 @@ def posture_map(true: ArrayLike, estimates: Mapping[str, ArrayLike]) -> Figure:
 
     Raises:
         InvalidArray: Shapes that do not fit together, or no true image at all.
-        InvalidConfig: No estimate.
+        InvalidConfig: No map.
     """
-    if not estimates:
-        raise InvalidConfig("estimates is empty; give at least one posture map")
-    truth = numbers(true, "true", None, None, 2) * _MM
+    if not maps:
+        raise InvalidConfig("maps is empty; give at least one posture map")
+    truth = numbers(true_map, "true_map", None, None, 2) * _MM
     if not np.isfinite(truth).all(-1).any():
         raise InvalidArray("no unit's posture has an image; the true posture map has no finite place")
-    maps = {name: numbers(value, f"posture map of {name!r}", *truth.shape) * _MM for name, value in estimates.items()}
-    everything = np.concatenate([places.reshape(-1, 2) for places in (truth, *maps.values())])
+    learned = {name: numbers(value, f"posture map of {name!r}", *truth.shape) * _MM for name, value in maps.items()}
+    everything = np.concatenate([places.reshape(-1, 2) for places in (truth, *learned.values())])
     low, high = np.nanmin(everything, 0), np.nanmax(everything, 0)
     edge = 0.06 * float((high - low).max())
     columns = min(4, len(maps))
@@ -168,7 +184,7 @@ def posture_map(true: ArrayLike, estimates: Mapping[str, ArrayLike]) -> Figure:
     )
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     looks = style.appearances(maps)
-    for axes, (name, places) in zip(grid.flat, maps.items(), strict=False):
+    for axes, (name, places) in zip(grid.flat, learned.items(), strict=False):
         gaps = np.stack([truth, places, np.full_like(truth, np.nan)], axis=2).reshape(-1, 2)
         axes.plot(*gaps.T, color="0.45", linewidth=0.35, zorder=2, label="error")
         lattice(axes, truth, color="0.72", linewidth=1.0, zorder=1)
@@ -194,6 +210,16 @@ def posture_map(true: ArrayLike, estimates: Mapping[str, ArrayLike]) -> Figure:
     ]
     legend_above(figure, handles, columns=3 if columns > 1 else 1)
     return figure
+
+
+def _measure_looks(names: list[str]) -> dict[str, style.Appearance]:
+    """As ``style.appearances``, with more that are free where no estimator is drawn."""
+    first = len(names) - min(len(names), 6) if len(names) <= len(_MORE) + 6 else 0
+    more = {
+        name: style.Appearance(color=c, linestyle=line, marker=m)
+        for name, (c, line, m) in zip(names[:first], _MORE, strict=False)
+    }
+    return more | style.appearances(names[first:])
 
 
 def _bar(condition: str, name: str, parts: Mapping[str, float]) -> Any:

@@ -19,7 +19,7 @@ MADE = {
         {"rotated": {"relative_error": DOSES, "span": DOSES**2}, "noise": {"span": DOSES**3}},
         dose_labels={"rotated": "angle [deg]"},
     ),
-    "posture_map": lambda: score_figures.posture_map(GRID, {"paper_mlp": 0.5 * GRID, "direct": GRID}),
+    "posture_map": lambda: score_figures.posture_map({"paper_mlp": 0.5 * GRID, "direct": GRID}, GRID),
 }
 
 
@@ -40,15 +40,16 @@ def test_figures_are_reproducible_small_and_whole(tmp_path, name):
 
 def test_bars_are_stacked_to_the_squared_error():
     face, front = MADE["attribution"]().axes
-    bars = [patch for patch in face.patches if abs(patch.get_x() + patch.get_width() / 2) < 1e-9]
+    bars = [patch for patch in face.patches if abs(patch.get_y() + patch.get_height() / 2) < 1e-9]
     assert [stack.get_label() for stack in face.containers[:4]] == list(PARTS)
-    assert [bar.get_height() for bar in bars] == pytest.approx(list(BAR.values()))
-    assert [bar.get_y() for bar in bars] == pytest.approx([0, 0.4, 0.5, 0.55])
-    assert [text.get_text() for text in face.texts] == ["0.80", "0.80", "zero Jacobian"]
+    assert [bar.get_width() for bar in bars] == pytest.approx(list(BAR.values()))
+    assert [bar.get_x() for bar in bars] == pytest.approx([0, 0.4, 0.5, 0.55])
+    assert [text.get_text() for text in face.texts] == ["0.80", "0.80"]
     assert len(front.patches) == len(PARTS), "an estimator that was not run has no bar"
-    assert face.get_ylim() == front.get_ylim()
-    assert [label.get_text() for label in face.get_xticklabels()] == ["least squares", "paper's network"]
-    assert face.get_ylabel() == "squared relative error"
+    assert face.get_xlim() == front.get_xlim()
+    assert [label.get_text() for label in face.get_yticklabels()] == ["least squares", "paper's network"]
+    assert face.get_xlabel() == "squared relative error"
+    assert legend(face.figure)[-1] == "zero Jacobian"
     looks = {(bar.get_facecolor(), bar.get_hatch()) for bar in bars}
     greys = sorted(np.dot(colour[:3], [0.299, 0.587, 0.114]) for colour, _ in looks)
     assert min(np.diff(greys)) > 0.05, "told apart in grey"
@@ -65,8 +66,19 @@ def test_power_is_a_line_a_measure_over_its_own_doses():
     assert any(np.allclose(line.get_ydata(), 0.05) for line in noise.get_lines())
     styles = [line.get_linestyle() for line in rotated.get_lines()[:2]]
     assert styles[0] != styles[1] or rotated.get_lines()[0].get_marker() != rotated.get_lines()[1].get_marker()
+    milder_first = score_figures.dose_response([0.9, 0.5, 0.1], {"scale": {"span": [0.1, 0.5, 1.0]}}).axes[0]
+    assert milder_first.get_xlim()[0] > milder_first.get_xlim()[1], "the worst is at the right"
     shared = score_figures.dose_response(DOSES, {"scaled": {"span": DOSES}})
     assert shared.axes[0].get_lines()[0].get_xdata() == pytest.approx(DOSES)
+
+
+def test_many_measures_are_told_apart():
+    names = [f"measure_{index}" for index in range(10)]
+    (axes,) = score_figures.dose_response(DOSES, {"scaled": dict.fromkeys(names, DOSES)}).axes
+    looks = {(line.get_color(), line.get_marker()) for line in axes.get_lines()[:10]}
+    assert len(looks) == 10
+    with pytest.raises(InvalidConfig, match="tell"):
+        score_figures.dose_response(DOSES, {"scaled": dict.fromkeys([*names, "one_more"], DOSES)})
 
 
 def test_each_unit_is_tied_to_where_its_posture_truly_is():
@@ -79,7 +91,7 @@ def test_each_unit_is_tied_to_where_its_posture_truly_is():
     assert (learned.get_xlabel(), learned.get_ylabel()) == ("x [mm]", "y [mm]")
     hidden = GRID.copy()
     hidden[0, 0] = np.nan
-    assert score_figures.posture_map(hidden, {"direct": GRID}).axes
+    assert score_figures.posture_map({"direct": GRID}, hidden).axes
 
 
 @pytest.mark.parametrize(
@@ -92,9 +104,9 @@ def test_each_unit_is_tied_to_where_its_posture_truly_is():
         (lambda: score_figures.dose_response({"a": DOSES}, {"b": {"span": DOSES}}), InvalidConfig, "no doses"),
         (lambda: score_figures.dose_response(DOSES, {"b": {"span": DOSES[1:]}}), InvalidArray, "shape"),
         (lambda: score_figures.dose_response(DOSES, {"b": {"span": 2 * DOSES}}), InvalidArray, "probability"),
-        (lambda: score_figures.posture_map(GRID, {}), InvalidConfig, "empty"),
-        (lambda: score_figures.posture_map(GRID, {"direct": GRID[1:]}), InvalidArray, "shape"),
-        (lambda: score_figures.posture_map(np.nan * GRID, {"direct": GRID}), InvalidArray, "finite"),
+        (lambda: score_figures.posture_map({}, GRID), InvalidConfig, "empty"),
+        (lambda: score_figures.posture_map({"direct": GRID[1:]}, GRID), InvalidArray, "shape"),
+        (lambda: score_figures.posture_map({"direct": GRID}, np.nan * GRID), InvalidArray, "finite"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(call, error, match):
