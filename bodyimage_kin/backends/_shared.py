@@ -192,19 +192,13 @@ class RobotKinematics:
     def _check_out(self, q: Tensor, out: Out) -> None:
         if q.requires_grad and torch.is_grad_enabled():
             raise NotDifferentiable("what is written into out= carries no gradient; leave it out, or give q.detach()")
-        shapes = (*q.shape[:-1], 4, 4), (*q.shape[:-1], 6, self._n)
+        batch = tuple(q.shape[:-1])
+        shapes = (*batch, 4, 4), (*batch, 6, self._n)
         if not (
             isinstance(out, tuple | list)
             and len(out) == 2
-            and all(
-                isinstance(tensor, Tensor)
-                and tensor.shape == shape
-                and tensor.dtype == q.dtype
-                and tensor.device == q.device
-                and tensor.is_contiguous()
-                and not tensor.requires_grad
-                for tensor, shape in zip(out, shapes, strict=True)
-            )
+            and _holds(out[0], shapes[0], q)
+            and _holds(out[1], shapes[1], q)
         ):
             raise InvalidArray(
                 f"out must be (pose, jacobian), contiguous tensors of shapes {shapes[0]} and {shapes[1]}, of the dtype "
@@ -269,6 +263,17 @@ class RobotKinematics:
             # The protocol says that a backend is built from a robot alone.
             self._unfolded_backend = type(self.backend)(self.robot.unfolded)  # type: ignore[call-arg]
         return self._unfolded_backend
+
+
+def _holds(tensor: Any, shape: tuple[int, ...], q: Tensor) -> bool:
+    return (
+        isinstance(tensor, Tensor)
+        and tensor.shape == shape
+        and tensor.dtype is q.dtype
+        and tensor.device == q.device
+        and tensor.is_contiguous()
+        and not tensor.requires_grad
+    )
 
 
 def somebody_differentiates(q: Tensor) -> bool:

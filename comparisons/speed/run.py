@@ -1,0 +1,24 @@
+"""Speed and accuracy of kinematics engines, written beside this file: ``python comparisons/speed/run.py``.
+
+Some minutes on a quiet machine; ``--quick`` for a first look.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from bodyimage_kin import bench
+
+
+def main() -> None:
+    """Measures, and writes speed.md, speed.json, speed.svg and speed.png."""
+    settings = bench.Settings()
+    if "--quick" in sys.argv:
+        settings = bench.Settings(batches=(1, 100, 10_000), rounds=7, longest=2.0, stream=10_000_000)
+    result = bench.run(settings, report=lambda what: print(what, file=sys.stderr, flush=True))
+    print(bench.write(result, Path(__file__).parent))
+
+
+if __name__ == "__main__":
+    main()
