@@ -65,7 +65,7 @@ def _simpler(joint: JointSpec) -> Iterator[JointSpec]:
                 yield replace(joint, **less)
     if joint.kind in ("prismatic", "continuous") and joint.mimic is None:
         yield replace(joint, kind="revolute", lower=-1.0, upper=1.0)
-    if joint.kind == "revolute" and joint.limits != (-1.0, 1.0):
+    if joint.kind in ("revolute", "prismatic") and joint.limits != (-1.0, 1.0):
         yield replace(joint, lower=-1.0, upper=1.0)
     if joint.mimic is not None:
         yield replace(joint, mimic=None, multiplier=None, offset=None)

@@ -135,7 +135,10 @@ def robots(
     )
     root, root_place = draw(name), draw(place)
     sources_later = draw(st.booleans())
-    return _assembled(draw(st.lists(part, min_size=min_joints, max_size=max_joints)), root, root_place, sources_later)
+    # Left to itself, a list is empty too often and long too seldom.
+    fewest = min(max(draw(st.sampled_from([1, 3, 5, 0])), min_joints), max_joints)
+    parts = draw(st.lists(part, min_size=fewest, max_size=max_joints))
+    return _assembled(parts, root, root_place, sources_later)
 
 
 def _assembled(parts: list[_Part], root: str | None, root_place: int, sources_later: bool) -> RobotSpec:

@@ -47,7 +47,8 @@ class RawPytorchKinematics:
             flat[:, column[name]] if name in column else torch.zeros_like(flat[:, 0])
             for name in chain.get_joint_parameter_names()
         ]
-        packed, pose = chain.jacobian(torch.stack(values, dim=-1), ret_eef_pose=True)
+        given = torch.stack(values, dim=-1) if values else flat.new_empty(len(flat), 0)
+        packed, pose = chain.jacobian(given, ret_eef_pose=True)
         jacobian = flat.new_zeros(len(flat), 6, q.shape[-1])
         theirs = [index for index, name in enumerate(chain.get_joint_parameter_names()) if name in column]
         jacobian[:, :, [column[name] for name in known]] = packed[:, :, theirs]
