@@ -14,6 +14,7 @@ from typing import Any
 from docutils import nodes
 from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
+from sphinx.domains.python import PyObject
 from sphinx.ext import napoleon
 from sphinx.util.nodes import make_refnode
 
@@ -47,21 +48,15 @@ napoleon_use_ivar = True
 napoleon_use_rtype = False
 
 nitpicky = True
-# Other libraries' types, type variables and jaxtyping's shape strings have no page here.
+# Types in signatures need no page: those of other libraries, jaxtyping's shapes, helpers of our own. Names that pages
+# link to are checked by tests/test_docs.py, functions and methods that docstrings link to are checked here.
 nitpick_ignore_regex = [
+    ("py:class", r"[A-Z]\w*|'.*'|bodyimage_kin\.[\w.]+|st\.SearchStrategy|optional"),
     ("py:.*", r"(numpy|np|torch|xr|xarray|scipy|jaxtyping|matplotlib|hypothesis|mujoco|pinocchio|trimesh)\..*"),
     ("py:.*", r"(collections|pathlib|os|typing|abc|types|datetime|concurrent|dataclasses|enum|random|logging)\..*"),
-    ("py:.*", r"'.*'|st\.SearchStrategy|Posture|Matrix"),
+    ("py:.*", r"(str|int|float|bool|bytes|object|type|tuple|list|dict|None|ndarray)"),
     ("py:attr", r".*"),  # fields are listed with their class, and have no place of their own
-    # Helpers that appear in signatures but are nobody's business.
-    ("py:class", r"bodyimage_kin\.[\w.]+"),  # in signatures; tests/test_docs.py checks those that pages name
     ("py:.*", r"_\w+"),
-    (
-        "py:.*",
-        r"(Tensor|ndarray|Array|Any|Path|Mapping|Sequence|Callable|Iterable|Iterator|PathLike|SearchStrategy|Figure|Axes|Dataset)",
-    ),
-    ("py:.*", r"(Float|Float64|Int|Int64|Bool|Shaped|ArrayLike|ArrayInput|Floats|Generator|Executor|None|optional)"),
-    ("py:.*", r"(str|int|float|bool|bytes|object|type|tuple|list|dict|property|classmethod|Exception|ABC|Protocol)"),
 ]
 
 
@@ -78,7 +73,7 @@ def _reexported(package: str) -> list[str]:
 
 
 # Packages re-export as `from module import Name as Name`; autodoc takes imported names from `__all__` alone.
-for _package in ("backends", "body_image", "estimators", "metrics", "recordings", "study", "testing"):
+for _package in ("backends", "bench", "body_image", "estimators", "metrics", "recordings", "study", "testing"):
     _module = importlib.import_module(f"bodyimage_kin.{_package}")
     _module.__all__ = _reexported(f"bodyimage_kin.{_package}")
 
@@ -131,6 +126,21 @@ def _google(app: Sphinx, what: str, *rest: Any) -> None:
     napoleon._process_docstring(app, "method" if what in ("property", "attribute", "data") else what, *rest)
 
 
+def _tidy(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    """Defaults that are no Python, and the arguments of protocols, which nobody calls."""
+    if signature == "(*args, **kwargs)":
+        return "", returned
+    if signature:
+        signature = (
+            re.sub(r"~(collections\.abc|typing|pathlib)\.", "", signature)
+            .replace("<factory>", "...")
+            .replace("PosixPath(", "Path(")
+        )
+    return signature, returned
+
+
 def setup(app: Sphinx) -> None:
     """Registers what is above."""
     app.add_html_math_renderer("mathml", inline_renderers=_math(False), block_renderers=_math(True))
@@ -140,4 +150,8 @@ def setup(app: Sphinx) -> None:
             app.disconnect(listener.id)
     app.connect(event, _escape, priority=400)
     app.connect(event, _google)
+    app.connect("autodoc-process-signature", _tidy)
+    for field in PyObject.doc_field_types:
+        if field.name == "variable":
+            field.label = "Fields"
     app.connect("missing-reference", _resolve)
