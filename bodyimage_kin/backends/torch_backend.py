@@ -20,6 +20,9 @@ from bodyimage_kin.backends._protocol import Abilities
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.robot import Robot
 
+_BLOCK = 2048
+"""Postures at a time on the CPU: few enough for all intermediate values to stay in its caches."""
+
 
 def chain_pose(
     origins: ArrayLike, axes: ArrayLike, q: ArrayLike, prismatic: Sequence[bool] | None = None
@@ -56,7 +59,7 @@ def chain_pose(
     steps = _aligned(origins, axes).to(q.dtype)
     rows = q.reshape(batch.numel(), m).T.contiguous()
     frame, _ = _run(steps, rows, [False] * m if prismatic is None else list(map(bool, prismatic)))
-    return _pose(frame).reshape(*batch, 4, 4)
+    return _pose(frame).T.reshape(*batch, 4, 4)
 
 
 class TorchBackend:
@@ -75,28 +78,16 @@ class TorchBackend:
         key = link, q.device, q.dtype
         if key not in self._chains:
             self._chains[key] = _LinkChain.to(self.robot, link).on(q)
-        steps, columns, sliding, turning, follow = self._chains[key]
-        values = q.T[columns]
-        if follow is not None:
-            values = values * follow[0] + follow[1]
-        frame, joints = _run(steps, values, sliding)
-        jacobian = q.new_zeros(6, self.robot.n, len(q))
-        if joints:
-            # (3, m, batch): axes, and where they pass through.
-            axis, origin = torch.stack([z for z, _ in joints], 1), torch.stack([o for _, o in joints], 1)
-            arm = frame[3][:, None] - origin
-            linear = torch.linalg.cross(axis, arm, dim=0)
-            if any(sliding):
-                linear = torch.where(turning, linear, axis)
-                axis = torch.where(turning, axis, 0.0)
-            if follow is None:
-                jacobian[:3, columns], jacobian[3:, columns] = linear, axis
-            else:
-                jacobian[:3].index_add_(1, columns, linear * follow[0])
-                jacobian[3:].index_add_(1, columns, axis * follow[0])
-        # Two axes only: torch turns these around in blocks, and any more of them number by number.
-        jacobian = jacobian.reshape(6 * self.robot.n, len(q)).T.contiguous()
-        return _pose(frame), jacobian.reshape(len(q), 6, self.robot.n)
+        chain, n = self._chains[key], self.robot.n
+        pose, jacobian = q.new_empty(len(q), 4, 4), q.new_empty(len(q), 6, n)
+        size = _BLOCK if q.is_cpu else max(len(q), 1)
+        for first in range(0, len(q), size):
+            part = slice(first, first + size)
+            frame, columns = _values(chain, q[part], n)
+            # Two axes only: torch turns these around in blocks, and any more of them number by number.
+            pose[part].view(-1, 16).copy_(_pose(frame).T)
+            jacobian[part].view(len(columns.T), 6 * n).copy_(columns.T)
+        return pose, jacobian
 
 
 class _LinkChain(NamedTuple):
@@ -144,6 +135,31 @@ class _LinkChain(NamedTuple):
         return _LinkChain(steps.to(q), columns.to(q.device), sliding, turning.to(q.device), follow)
 
 
+def _values(
+    chain: _LinkChain, q: Float[Tensor, "batch n"], n: int
+) -> tuple[Float[Tensor, "4 3 batch"], Float[Tensor, "rows batch"]]:
+    """The end's frame, and its Jacobian as 6 n rows."""
+    steps, columns, sliding, turning, follow = chain
+    values = q.T[columns]
+    if follow is not None:
+        values = values * follow[0] + follow[1]
+    frame, joints = _run(steps, values, sliding)
+    jacobian = q.new_zeros(6, n, len(q))
+    if joints:
+        # (3, m, batch): axes, and where they pass through.
+        axis, origin = torch.stack([z for z, _ in joints], 1), torch.stack([o for _, o in joints], 1)
+        linear = torch.linalg.cross(axis, frame[3][:, None] - origin, dim=0)
+        if any(sliding):
+            linear = torch.where(turning, linear, axis)
+            axis = torch.where(turning, axis, 0.0)
+        if follow is None:
+            jacobian[:3, columns], jacobian[3:, columns] = linear, axis
+        else:
+            jacobian[:3].index_add_(1, columns, linear * follow[0])
+            jacobian[3:].index_add_(1, columns, axis * follow[0])
+    return frame, jacobian.reshape(6 * n, len(q))
+
+
 def _aligned(origins: Float[Tensor, "origins 4 4"], axes: Float[Tensor, "m 3"]) -> Float[Tensor, "steps 4 4"]:
     """(m + 1, 4, 4): what is fixed before, between and behind joints that turn about, or slide along, their z axes."""
     m = len(axes)
@@ -188,7 +204,7 @@ def _run(
     return frame, joints
 
 
-def _pose(frame: Float[Tensor, "4 3 batch"]) -> Float[Tensor, "batch 4 4"]:
-    bottom = torch.zeros_like(frame[:, :1])
-    bottom = torch.cat([bottom[:3], torch.ones_like(bottom[3:])])
-    return torch.cat([frame, bottom], 1).transpose(0, 1).reshape(16, -1).T.contiguous().reshape(-1, 4, 4)
+def _pose(frame: Float[Tensor, "4 3 batch"]) -> Float[Tensor, "16 batch"]:
+    """The sixteen numbers of a pose."""
+    zeros, ones = torch.zeros_like(frame[:3, :1]), torch.ones_like(frame[3:, :1])
+    return torch.cat([frame, torch.cat([zeros, ones])], 1).transpose(0, 1).reshape(16, frame.shape[-1])

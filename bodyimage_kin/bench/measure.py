@@ -24,8 +24,8 @@ from bodyimage_kin.bench.engines import Arm, Engine, arms, engines, missing
 from bodyimage_kin.errors import InvalidConfig
 
 Report = Callable[[str], None]
-_LEAST = 2e-3
-"""Shorter work is repeated until a measurement takes about as long [s]."""
+_LEAST = 1e-2
+"""Shorter work is repeated until a measurement takes about as long [s]: what others left in caches counts little."""
 _PACKAGES = ("bodyimage-kin", "numba", "torch", "numpy", "pin", "pytorch-kinematics", "mujoco", "minisom")
 
 
