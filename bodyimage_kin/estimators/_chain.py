@@ -143,6 +143,42 @@ class Chain:
         moved = torch.cat([*of_axes, *rotations], -1)
         return self.image(point), self.image_slope(point) @ moved
 
+    def convention(self, start: Chain) -> tuple[Float[Tensor, "rows"], Float[Tensor, "rows parameters"]]:
+        """What no image shows, less what it is by convention; and its derivative with respect to :attr:`geometry`.
+
+        Axes have length one; a joint stands where it did in ``start`` along its axis (a prismatic one anywhere); the
+        offsets keep their common scale, unless a prismatic joint tells it. Zero rows exclude no chain of images, and
+        make the geometry unique.
+        """
+        k = len(self.axes)
+        size = start.offsets.norm()
+        apart, held = (chain.offsets[:-1] - chain.offsets[1:] for chain in (self, start))
+        rows, slopes = [], []
+
+        def add(row: Tensor, of_axes: dict[int, Tensor], of_offsets: dict[int, Tensor]) -> None:
+            slope = torch.zeros(2 * k + 1, 3, dtype=row.dtype)
+            for index, value in of_axes.items():
+                slope[index] = value
+            for index, value in of_offsets.items():
+                slope[k + index] = value
+            rows.append(row)
+            slopes.append(slope.flatten())
+
+        for joint, axis in enumerate(self.axes):
+            add(axis @ axis - 1.0, {joint: 2.0 * axis}, {})
+            if bool(self.revolute[joint]):
+                kept = start.axes[joint] @ held[joint] / start.axes[joint].norm()
+                ends = {joint: axis / size, joint + 1: -axis / size}
+                add((axis @ apart[joint] - kept) / size, {joint: apart[joint] / size}, ends)
+            else:
+                for unit in torch.eye(3, dtype=axis.dtype):
+                    ends = {joint: unit / size, joint + 1: -unit / size}
+                    add(unit @ (apart[joint] - held[joint]) / size, {}, ends)
+        if bool(self.revolute.all()):
+            ends = {index: 2.0 * offset / size**2 for index, offset in enumerate(self.offsets)}
+            add((self.offsets**2).sum() / size**2 - 1.0, {}, ends)
+        return torch.stack(rows), torch.stack(slopes)
+
     def _sweep(self, q: Tensor) -> tuple[list[Tensor], list[Tensor], list[Tensor], list[Tensor], Tensor]:
         """Inwards from the hand, then outwards.
 

@@ -30,7 +30,7 @@ from bodyimage_kin.estimators.base import Estimator, is_count, require
 
 _WAVES = 2048
 """Random waves that a draw from a radial prior is made of."""
-_LEAST_NOISE = 1e-5
+_LEAST_NOISE = 1e-4
 """Standard deviation of the images' noise, over that of the images: what rounding needs."""
 
 
@@ -185,22 +185,23 @@ class RadialProcess(ImageProcess):
         return torch.cholesky_solve(self.image, self._factor)
 
     def _image(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
-        flat = (q - self.centre.to(q)).reshape(-1, self.p)
-        image = self.mean.to(q) + _radial(flat, self.q.to(q), self.settings.to(q)) @ self._dual.to(q)
-        return image.reshape(*q.shape[:-1], self.m)
+        image = self.mean + _radial(self._centred(q), self.q, self.settings) @ self._dual
+        return image.to(q).reshape(*q.shape[:-1], self.m)
 
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
-        flat = (q - self.centre.to(q)).reshape(-1, self.p)
-        return self._slope(flat, self._dual.to(q)).reshape(*q.shape[:-1], self.m, self.p)
+        return self._slope(self._centred(q), self._dual).to(q).reshape(*q.shape[:-1], self.m, self.p)
+
+    def _centred(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "rows p"]:
+        """In float64, whatever comes: large terms of the dual cancel."""
+        return (q.to(torch.float64) - self.centre).reshape(-1, self.p)
 
     def _slope(self, q: Float[Tensor, "rows p"], dual: Float[Tensor, "count m"]) -> Float[Tensor, "rows m p"]:
         """Derivative of ``k(q, data) @ dual``, postures centred; matrix products alone."""
-        height, length, linear, _ = self.settings.to(q)
-        seen = self.q.to(q)
-        bump = _bumps(q, seen, height, length)
-        pulled = (bump @ (dual[:, :, None] * seen[:, None, :]).flatten(1)).reshape(len(q), -1, self.p)
+        height, length, linear, _ = self.settings
+        bump = _bumps(q, self.q, height, length)
+        pulled = (bump @ (dual[:, :, None] * self.q[:, None, :]).flatten(1)).reshape(len(q), dual.shape[1], self.p)
         pulled = pulled - (bump @ dual)[..., None] * q[:, None, :]
-        return pulled / length**2 + linear**2 * (dual.T @ seen)
+        return pulled / length**2 + linear**2 * (dual.T @ self.q)
 
     def _draws(
         self, q: Float[Tensor, "count p"], draws: int, generator: torch.Generator

@@ -18,6 +18,9 @@ from jaxtyping import Float
 from bodyimage_kin.estimators.base import Estimator, pairs, require
 from bodyimage_kin.estimators.least_squares import ConstantJacobian
 
+_FORGOTTEN = 1e6
+"""Most by which forgetting lets a covariance grow beyond the first: without a bound it grows without end."""
+
 
 class _Online(Estimator):
     def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
@@ -63,8 +66,8 @@ class Broyden(_Online):
 class RecursiveLeastSquares(_Online):
     """Least squares whose memory fades (Ljung and Soderstrom 1983).
 
-    Minimises ``sum_t forgetting^(T - t) |dr_t - J dq_t|^2 + forgetting^T |J|^2 / confidence`` step by step; exactly so
-    as long as no direction has been forgotten wholly (its covariance would grow beyond the first and is kept there).
+    Minimises ``sum_t forgetting^(T - t) |dr_t - J dq_t|^2 + forgetting^T |J|^2 / confidence`` step by step. A direction
+    in which the joints rest is forgotten at most a million times over: its covariance grows no further.
 
     Attributes:
         forgetting: Weight of a step after one more, up to 1: 0.98 remembers about fifty steps.
@@ -87,7 +90,7 @@ class RecursiveLeastSquares(_Online):
             gain = spread / (self.forgetting + joints @ spread)
             J += np.outer(image - J @ joints, gain)
             P = (P - np.outer(gain, spread)) / self.forgetting
-            P = _bounded((P + P.T) / 2.0, self.confidence)
+            P = _bounded((P + P.T) / 2.0, _FORGOTTEN * self.confidence)
         return J
 
 

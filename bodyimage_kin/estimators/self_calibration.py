@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
@@ -19,11 +19,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from bodyimage_kin.embodiment import Embodiment
-from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 from bodyimage_kin.estimators._chain import Chain
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import Samples, samples
 from bodyimage_kin.estimators.base import Estimator, is_count, require
+
+_ROUNDING = 1e-20
+"""Mean squared residual, in units of the images' variance, below which nothing is left to explain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +34,7 @@ class CalibratedChain(ImageModel):
     """A chain of joints from camera to hand, its geometry found from images.
 
     Attributes:
-        chain: The geometry; offsets are to an unknown common scale, which no image shows.
+        chain: The geometry; the common scale of its offsets is arbitrary, for no image shows it.
     """
 
     chain: Chain
@@ -81,8 +84,8 @@ class SelfCalibration(Estimator):
 
     Prior knowledge, all of it: which joints stand between camera and hand, in which order, and whether they turn or
     slide; the camera's screen distance; and roughly the geometry, as a start: the body's own, every axis and offset
-    disturbed at random. Each start descends on what was seen (nonlinear least squares within a trust region); the one
-    that explains it best is kept.
+    disturbed at random. Each start descends on what was seen (Levenberg-Marquardt, each parameter scaled by its
+    spread); the one that explains it best is kept, and one that explains it to rounding ends the search.
 
     Attributes:
         body: Whose structure is known.
@@ -109,6 +112,7 @@ class SelfCalibration(Estimator):
 
         Raises:
             InvalidConfig: An experience of another number of felt joints than the body has.
+            InvalidRecording: Fewer images than there are measures to find, or nothing to learn from.
         """
         data = samples(exp)
         chain = Chain.of(self.body)
@@ -123,25 +127,53 @@ class SelfCalibration(Estimator):
                 torch.full_like(chain.offsets.flatten(), self.offset_spread),
             ]
         )
-        found = []
+        if data.image.numel() < len(spread):
+            raise InvalidRecording(
+                f"{data.image.numel()} coordinates of hand images cannot tell {len(spread)} measures of the body; "
+                "record more"
+            )
+        best, least = chain.geometry, math.inf
         for stream in np.random.SeedSequence(seed).spawn(self.starts):
             normal = torch.from_numpy(np.random.default_rng(stream).standard_normal(len(spread)))
-            found.append(self._descend(chain, chain.geometry + spread * normal, data))
-        return CalibratedChain(chain.with_geometry(min(found, key=lambda result: result[0])[1]))
+            cost, geometry = self._descend(chain, chain.geometry + spread * normal, spread, data)
+            if cost < least:
+                best, least = geometry, cost
+            if least < _ROUNDING:
+                break
+        return CalibratedChain(chain.with_geometry(best))
 
-    def _descend(self, chain: Chain, start: Float[Tensor, "parameters"], data: Samples) -> tuple[float, Tensor]:
-        """Cost and geometry at the end."""
+    def _descend(
+        self, chain: Chain, start: Float[Tensor, "parameters"], spread: Float[Tensor, "parameters"], data: Samples
+    ) -> tuple[float, Tensor]:
+        """Mean squared residual, in units of the images' variance, and geometry at the end."""
+        scale = torch.where(spread > 0, spread, 0.1).numpy()
         unit = float(data.image.std(correction=0).clamp(min=1e-12))
 
+        begin = chain.with_geometry(start)
+        begin = replace(begin, axes=begin.axes / begin.axes.norm(dim=1, keepdim=True))
+
+        def here(parameters: Float[np.ndarray, "parameters"]) -> Chain:
+            # Copied: how a product rounds depends on where an array begins in memory, and fits must repeat to the bit.
+            return chain.with_geometry(torch.from_numpy(parameters).clone())
+
         def residual(parameters: Float[np.ndarray, "parameters"]) -> Float[np.ndarray, "residuals"]:
-            image, _ = chain.with_geometry(torch.from_numpy(parameters)).fit_terms(data.q)
-            return ((image - data.image) / unit).flatten().numpy()
+            now = here(parameters)
+            image, _ = now.fit_terms(data.q)
+            return torch.cat([((image - data.image) / unit).flatten(), now.convention(begin)[0]]).numpy()
 
         def slope(parameters: Float[np.ndarray, "parameters"]) -> Float[np.ndarray, "residuals parameters"]:
-            _, moved = chain.with_geometry(torch.from_numpy(parameters)).fit_terms(data.q)
-            return (moved / unit).flatten(0, 1).numpy()
+            now = here(parameters)
+            _, moved = now.fit_terms(data.q)
+            return torch.cat([(moved / unit).flatten(0, 1), now.convention(begin)[1]]).numpy()
 
         end = scipy.optimize.least_squares(
-            residual, start.numpy(), slope, method="trf", x_scale="jac", max_nfev=self.steps, xtol=1e-12, ftol=1e-12
+            residual,
+            begin.geometry.numpy(),
+            slope,
+            method="lm",
+            x_scale=scale,
+            max_nfev=self.steps,
+            xtol=1e-15,
+            ftol=1e-15,
         )
-        return float(end.cost), torch.from_numpy(end.x)
+        return float(np.mean(end.fun**2)), torch.from_numpy(end.x)

@@ -1,0 +1,86 @@
+"""Laws of the networks that see the posture."""
+
+import numpy as np
+import pytest
+import torch
+from experiences import taught
+
+import bodyimage_kin as bk
+from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.estimators import ForwardNetwork, JacobianNetwork, PostureMLP
+from bodyimage_kin.estimators._training import Training, evaluate, first_layers, held_out_arcs, slope, train
+from bodyimage_kin.metrics import pooled_relative_error
+
+SPECS = [PostureMLP(steps=400), JacobianNetwork(steps=400), ForwardNetwork(steps=1500, weight_decay=0.0)]
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: type(spec).__name__)
+def test_a_jacobian_that_changes_with_posture_is_learned(spec):
+    q = np.cumsum(0.1 * np.random.default_rng(0).standard_normal((600, 2)), axis=0)
+    q = np.sin(q)
+    image = np.stack([np.sin(2.0 * q[:, 0]), q[:, 0] * q[:, 1]], 1)
+    learned = spec.fit(taught(np.diff(q, axis=0), np.diff(image, axis=0)), seed=0)
+    # taught() begins at zero.
+    at = q - q[0]
+    true = np.zeros((len(q), 2, 2))
+    true[:, 0, 0], true[:, 1, 0], true[:, 1, 1] = 2.0 * np.cos(2.0 * q[:, 0]), q[:, 1], q[:, 0]
+    constant = true.mean(0) + np.zeros_like(true)
+    assert pooled_relative_error(true, learned.jacobian(at)) < 0.5 * pooled_relative_error(true, constant)
+
+
+@pytest.mark.parametrize("hidden", [(3,), (4, 5), (4, 5, 3)])
+def test_the_slope_written_out_is_that_of_the_network(hidden):
+    layers = [layer[0] for layer in first_layers([3, *hidden, 2], [7])]
+    x = torch.randn(4, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    automatic = torch.func.vmap(torch.func.jacrev(lambda one: evaluate(layers, one)))(x)
+    torch.testing.assert_close(slope(layers, x), automatic)
+    torch.testing.assert_close(slope(layers, x, first=1), automatic[..., 1:])
+
+
+def test_networks_trained_together_do_not_touch_each_other():
+    x = torch.randn(3, 50, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    settings = Training(hidden=(4,), steps=30)
+
+    def learn(models):
+        def error(layers):
+            return ((evaluate(layers, x[models]) - torch.sin(x[models])) ** 2).sum(-1)
+
+        return train(first_layers([2, 4, 2], [10 + model for model in models]), error, 50, settings)
+
+    for alone, together in zip(learn([1]), learn([0, 1, 2]), strict=True):
+        torch.testing.assert_close(alone[0], together[1], rtol=1e-9, atol=1e-12)
+
+
+def test_the_weights_kept_are_those_best_on_what_was_held_out():
+    x = torch.linspace(-1, 1, 40, dtype=torch.float64)[None, :, None]
+    y = x + 0.5 * torch.randn(1, 40, 1, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    held, seen = held_out_arcs(40, 0.2), []
+
+    def error(layers):
+        squared = ((evaluate(layers, x) - y) ** 2).sum(-1)
+        seen.append(float(squared[0, held].detach().mean()))
+        return squared
+
+    best = train(first_layers([1, 16, 1], [0]), error, 40, Training(hidden=(16,), steps=200, learning_rate=0.1))
+    assert float(((evaluate(best, x) - y) ** 2).sum(-1)[0, held].mean()) == min(seen[:201])
+    assert min(seen) < seen[200]
+
+
+def test_held_out_are_whole_arcs():
+    held = held_out_arcs(100, 0.2)
+    assert held.sum() == 20
+    assert (held.long().diff() != 0).sum() <= 4
+    assert not held_out_arcs(100, 0.0).any()
+    assert not held_out_arcs(5, 0.2).any()
+
+
+def test_other_seeds_are_other_networks(circle):
+    exp = bk.experience(circle)
+    spec = ForwardNetwork(hidden=(4,), steps=3)
+    assert not torch.equal(spec.fit(exp, 0).layers[0], spec.fit(exp, 1).layers[0])
+
+
+@pytest.mark.parametrize("hidden", [(), (0,), [3], 3, (True,), (2.0,)])
+def test_layers_are_counted_in_whole_units(hidden):
+    with pytest.raises((InvalidConfig, TypeError), match="hidden"):
+        PostureMLP(hidden=hidden)

@@ -1,0 +1,103 @@
+"""Laws of the chain from camera to hand, and of finding it."""
+
+import numpy as np
+import pytest
+import torch
+
+import bodyimage_kin as bk
+from bodyimage_kin._embodiment_file import embodiment_folder
+from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.estimators import SelfCalibration
+from bodyimage_kin.estimators._chain import Chain
+from bodyimage_kin.estimators.self_calibration import CalibratedChain
+from bodyimage_kin.metrics import pooled_relative_error
+
+FELT = 'joints = ["left_shoulder_pitch", "left_shoulder_roll", "left_shoulder_yaw", "left_elbow", "left_wrist"]'
+
+
+@pytest.fixture(scope="module")
+def strange(tmp_path_factory):
+    """Its neck carries the eye, its wrist slides, its elbow follows the shoulder and has an offset."""
+    folder = tmp_path_factory.mktemp("strange")
+    urdf = (embodiment_folder() / "infant.urdf").read_text()
+    elbow, wrist = ('<joint name="left_elbow" type="revolute">', '<joint name="left_wrist" type="revolute">')
+    assert elbow in urdf
+    assert wrist in urdf
+    urdf = urdf.replace(elbow, elbow + '<mimic joint="left_shoulder_yaw" multiplier="-0.5" offset="1.9"/>')
+    urdf = urdf.replace(wrist, wrist.replace("revolute", "prismatic"))
+    (folder / "infant.urdf").write_text(urdf)
+    toml = (embodiment_folder() / "infant.toml").read_text()
+    assert FELT in toml
+    toml = toml.replace(FELT, 'joints = ["neck", "left_shoulder_pitch", "left_shoulder_yaw", "left_wrist"]')
+    toml = toml.replace("left_elbow = 1.67\n", "").replace("left_wrist = 0.05\n", "left_wrist = 0.01\n")
+    (folder / "strange.toml").write_text(toml)
+    return bk.load_embodiment(folder / "strange.toml")
+
+
+def around(body, count=30, spread=0.1):
+    noise = torch.randn(count, body.p, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    q = body.felt_home + spread * noise
+    return q[body.hand_in_camera(q)[:, 2] > 0.01]
+
+
+@pytest.mark.parametrize("name", ["body", "strange"])
+def test_the_chain_of_a_body_is_the_body(name, request):
+    body = request.getfixturevalue(name)
+    q = around(body)
+    assert len(q) > 5
+    known = CalibratedChain(Chain.of(body))
+    torch.testing.assert_close(known.hand_image(q), body.hand_image(q), rtol=1e-10, atol=1e-12)
+    torch.testing.assert_close(known.jacobian(q), body.hand_image_jacobian(q), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["body", "strange"])
+def test_the_derivative_by_geometry_is_right(name, request):
+    body = request.getfixturevalue(name)
+    q, chain = around(body)[:4], Chain.of(body)
+    geometry = chain.geometry * 1.1
+    _, moved = chain.with_geometry(geometry).fit_terms(q)
+    automatic = torch.func.jacrev(lambda g: chain.with_geometry(g).fit_terms(q)[0])(geometry)
+    torch.testing.assert_close(moved, automatic, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["body", "strange"])
+def test_conventions_are_what_images_leave_open_and_no_more(name, request):
+    body = request.getfixturevalue(name)
+    chain = Chain.of(body)
+    geometry = chain.geometry * torch.linspace(0.9, 1.2, len(chain.geometry), dtype=torch.float64)
+    _, moved = chain.with_geometry(geometry).convention(chain)
+    automatic = torch.func.jacrev(lambda g: chain.with_geometry(g).convention(chain)[0])(geometry)
+    torch.testing.assert_close(moved, automatic)
+    rows, conventions = chain.convention(chain)
+    assert rows.abs().max() < 1e-12
+    q = around(body, 300, spread=0.5)
+    images = chain.fit_terms(q)[1].flatten(0, 1)
+    unknown = len(geometry) - int(torch.linalg.matrix_rank(images, rtol=1e-10))
+    assert unknown == len(rows)
+    assert torch.linalg.matrix_rank(torch.cat([images, conventions]), rtol=1e-10) == len(geometry)
+
+
+def test_no_image_shows_the_common_scale(body):
+    q, chain = around(body), Chain.of(body)
+    k = len(chain.axes)
+    scale = torch.cat([torch.full((3 * k,), 3.0), torch.full((3 * k + 3,), 2.0)]).to(torch.float64)
+    larger = CalibratedChain(chain.with_geometry(chain.geometry * scale))
+    torch.testing.assert_close(larger.jacobian(q), body.hand_image_jacobian(q), rtol=1e-9, atol=1e-12)
+
+
+def test_what_a_circle_shows_tells_the_face(body, circle):
+    learned = SelfCalibration(body, starts=3).fit(bk.experience(circle), seed=0)
+    face = body.touch_postures(np.arange(0, body.skin.count, 8))
+    assert pooled_relative_error(body.hand_image_jacobian(face), learned.jacobian(face)) < 0.02
+
+
+def test_a_start_is_not_the_truth(body, circle):
+    """With next to no descent the answer is wrong: nothing leaks from the body but what the docstring says."""
+    start = SelfCalibration(body, starts=1, steps=1).fit(bk.experience(circle), seed=0)
+    face = body.touch_postures(np.arange(0, body.skin.count, 8))
+    assert pooled_relative_error(body.hand_image_jacobian(face), start.jacobian(face)) > 0.1
+
+
+def test_a_body_of_other_joints_is_refused(strange, circle):
+    with pytest.raises(InvalidConfig, match="the body it was recorded with"):
+        SelfCalibration(strange).fit(bk.experience(circle))
