@@ -208,19 +208,16 @@ def _attributions(one: xr.Dataset, place: str) -> list[tuple[str, str, Figure]]:
         return []
     mean = one["attribution"].mean("seed")
     names = _learned(one, "attribution")
-    pictures = []
-    for probe in mean["probe"].values if names else ():
-        parts = {
+    if not names:
+        return []
+    parts = {
+        str(probe): {
             name: {part: float(mean.sel(probe=probe, estimator=name, part=part)) for part in PARTS} for name in names
         }
-        pictures.append(
-            (
-                f"{place}: {style.label(str(probe))}",
-                "Mean over recordings of the squared relative error in the motion's metric, as a sum of four parts.",
-                score_figures.attribution_bars({str(probe): parts}),
-            )
-        )
-    return pictures
+        for probe in mean["probe"].values
+    }
+    text = "Mean over recordings of the squared relative error in the motion's metric, as a sum of four parts."
+    return [(f"{place}: parts of the error", text, score_figures.attribution_bars(parts))]
 
 
 def _distances(one: xr.Dataset, place: str) -> list[tuple[str, str, Figure]]:

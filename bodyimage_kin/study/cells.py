@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -102,28 +101,13 @@ def stream(entropy: int, name: str, count: int = 1) -> list[int]:
     return [int(value) for value in np.random.SeedSequence(entropy, spawn_key=key.tolist()).generate_state(count)]
 
 
-def make_scene(ground: Ground) -> Scene:
-    """Simulates the recordings of a ground and measures what they excite.
-
-    Raises:
-        BodyImageKinError: Whatever the simulation refuses.
-    """
-    with _single_thread():
-        body = _body(ground)
-        kinds = {"training": ground.motion, "touch": "random_touch", "tour": "face_tour"}
-        streams = [stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}", 3) for seed in ground.seeds]
-        recordings = {
-            role: simulate.many(
-                kind,
-                body,
-                [one[index] for one in streams],
-                threads=1,
-                **motion_arguments(ground.motions[kind if role == "training" else role]),
-            )
-            for index, (role, kind) in enumerate(kinds.items())
-        }
-        facts = [_facts(ground, body, *one) for one in zip(recordings["training"], recordings["touch"], strict=True)]
-    return Scene(recordings, stack(facts, ground.seeds))
+def make_scene(ground: Ground) -> Scene | str:
+    """Simulates the recordings of a ground and measures what they excite; or says what went wrong."""
+    try:
+        return _simulate(ground, load_body(ground))
+    except Exception as problem:
+        # Said in words: not every error can travel from a worker.
+        return describe(problem)
 
 
 def run_cell(ground: Ground, scene: Scene, name: str, table: Table, keep: Sequence[str]) -> xr.Dataset:
@@ -140,22 +124,21 @@ def run_cell(ground: Ground, scene: Scene, name: str, table: Table, keep: Sequen
         Scores over ``seed``; ``failure`` says what went wrong with a seed, empty where nothing did. A seed that failed
         has NaN for every score.
     """
-    with _single_thread():
-        body = _body(ground)
-        begin = time.perf_counter()
+    body = load_body(ground)
+    begin = time.perf_counter()
+    try:
+        all_learned = _fit(ground, scene, name, build_estimator(table, body))
+    except (Exception, SystemExit) as problem:
+        return failed(ground, keep, describe(problem))
+    seconds = (time.perf_counter() - begin) / len(ground.seeds)
+    found = []
+    for index, learned in enumerate(all_learned):
         try:
-            all_learned = _fit(ground, scene, name, build_estimator(table, body))
+            values = _score(ground, body, scene, index, learned)
+            values["fit_seconds"] = np.float64(seconds)
+            found.append(_dataset(ground, values, keep))
         except (Exception, SystemExit) as problem:
-            return failed(ground, keep, describe(problem))
-        seconds = (time.perf_counter() - begin) / len(ground.seeds)
-        found = []
-        for index, learned in enumerate(all_learned):
-            try:
-                values = _score(ground, body, scene, index, learned)
-                values["fit_seconds"] = np.float64(seconds)
-                found.append(_dataset(ground, values, keep))
-            except (Exception, SystemExit) as problem:
-                found.append(_nothing(ground, keep, describe(problem)))
+            found.append(_nothing(ground, keep, describe(problem)))
     return stack(found, ground.seeds)
 
 
@@ -188,17 +171,6 @@ def labels(dim: str, values: Sequence[Any]) -> xr.DataArray:
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
-@contextmanager
-def _single_thread() -> Iterator[None]:
-    """One math thread: bits depend on how sums are divided among threads."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
 @lru_cache(maxsize=8)
 def _load(name: str, backend: str | None, sha256: str) -> Embodiment:
     body = load_embodiment(name, backend)
@@ -207,8 +179,28 @@ def _load(name: str, backend: str | None, sha256: str) -> Embodiment:
     return body
 
 
-def _body(ground: Ground) -> Embodiment:
+def load_body(ground: Ground) -> Embodiment:
+    """The embodiment of a ground, loaded once a process; makes the process one that computes with one thread."""
+    # Bits depend on how sums are divided among threads, and the processes of a pool divide the work already.
+    torch.set_num_threads(1)
     return _load(ground.body["embodiment"], ground.body.get("backend"), ground.sha256)
+
+
+def _simulate(ground: Ground, body: Embodiment) -> Scene:
+    kinds = {"training": ground.motion, "touch": "random_touch", "tour": "face_tour"}
+    streams = [stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}", 3) for seed in ground.seeds]
+    recordings = {
+        role: simulate.many(
+            kind,
+            body,
+            [one[index] for one in streams],
+            threads=1,
+            **motion_arguments(ground.motions[kind if role == "training" else role]),
+        )
+        for index, (role, kind) in enumerate(kinds.items())
+    }
+    facts = [_facts(ground, body, *one) for one in zip(recordings["training"], recordings["touch"], strict=True)]
+    return Scene(recordings, stack(facts, ground.seeds))
 
 
 def _facts(ground: Ground, body: Embodiment, training: xr.Dataset, touch: xr.Dataset) -> xr.Dataset:

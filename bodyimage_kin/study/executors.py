@@ -15,6 +15,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, cast
@@ -63,13 +64,19 @@ class KillablePool(Executor):
 
     def submit(self, work: Callable[..., Any], /, *arguments: Any, **keywords: Any) -> Future[Any]:
         """Without a time limit. See :meth:`concurrent.futures.Executor.submit`."""
-        return self.submit_within(None, work, *arguments, **keywords)
+        return self.submit_within(None, None, work, *arguments, **keywords)
 
     def submit_within(
-        self, limit: float | None, work: Callable[..., Any], /, *arguments: Any, **keywords: Any
+        self,
+        limit: float | None,
+        prepare: Callable[[Any], Any] | None,
+        work: Callable[..., Any],
+        /,
+        *arguments: Any,
+        **keywords: Any,
     ) -> Future[Any]:
-        """As :meth:`submit`; the process is killed after ``limit`` seconds, counted from when it begins."""
-        job = _Job(Future(), limit, work, arguments, keywords)
+        """As :meth:`submit`; once ``prepare(first argument)`` is done, the process has ``limit`` seconds to live."""
+        job = _Job(Future(), limit, prepare, work, arguments, keywords)
         self._jobs.put(job)
         return job.future
 
@@ -140,19 +147,35 @@ def executor(chosen: Any = None, workers: int | None = None) -> Iterator[Executo
         )
 
 
-def submit(executor: Executor, limit: float | None, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-    """Hands out work that may take ``limit`` seconds; the future then raises :class:`TimeLimitExceeded`."""
+def submit(
+    executor: Executor,
+    limit: float | None,
+    prepare: Callable[[Any], Any] | None,
+    work: Callable[..., Any],
+    *arguments: Any,
+) -> Future[Any]:
+    """Hands out work that may take ``limit`` seconds; the future then raises :class:`TimeLimitExceeded`.
+
+    Args:
+        executor: Who works.
+        limit: [s]; None: any time.
+        prepare: Called with the first argument before the time begins to run.
+        work: Called with all arguments.
+        arguments: What it is called with.
+    """
     if isinstance(executor, KillablePool):
-        return executor.submit_within(limit, work, *arguments)
-    return executor.submit(within, limit, work, *arguments)
+        return executor.submit_within(limit, prepare, work, *arguments)
+    return executor.submit(within, limit, prepare, work, *arguments)
 
 
-def within(limit: float | None, work: Callable[..., Any], *arguments: Any) -> Any:
-    """Calls, and gives up after ``limit`` seconds.
+def within(limit: float | None, prepare: Callable[[Any], Any] | None, work: Callable[..., Any], *arguments: Any) -> Any:
+    """Calls, and gives up after ``limit`` seconds. See :func:`submit`.
 
     Raises:
         TimeLimitExceeded: It took longer. The thread that works is left behind.
     """
+    if prepare is not None:
+        prepare(arguments[0])
     if limit is None:
         return work(*arguments)
     future: Future[Any] = Future()
@@ -175,11 +198,16 @@ def within(limit: float | None, work: Callable[..., Any], *arguments: Any) -> An
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True, eq=False)
 class _Job:
-    def __init__(
-        self, future: Future[Any], limit: float | None, work: Callable[..., Any], arguments: Any, keywords: Any
-    ) -> None:
-        self.future, self.limit, self.work, self.arguments, self.keywords = future, limit, work, arguments, keywords
+    """Something to do, and what is waiting for it."""
+
+    future: Future[Any]
+    limit: float | None
+    prepare: Callable[[Any], Any] | None
+    work: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    keywords: dict[str, Any]
 
 
 class _Worker:
@@ -205,11 +233,13 @@ class _Worker:
 
     def call(self, job: _Job) -> Any:
         try:
-            self._pipe.send((job.work, job.arguments, job.keywords))
-            if not self._pipe.poll(job.limit):
-                self._kill()
-                raise TimeLimitExceeded(_too_long(job.limit or 0.0))
+            self._pipe.send((job.prepare, job.work, job.arguments, job.keywords))
             done, value = self._pipe.recv()
+            if done:
+                if not self._pipe.poll(job.limit):
+                    self._kill()
+                    raise TimeLimitExceeded(_too_long(job.limit or 0.0))
+                done, value = self._pipe.recv()
         except (EOFError, ConnectionError):
             self._process.join(5)
             code = self._process.exitcode
@@ -244,21 +274,24 @@ def _work(pipe: Connection) -> None:
     pipe.send("ready")
     while True:
         try:
-            work, arguments, keywords = pipe.recv()
+            prepare, work, arguments, keywords = pipe.recv()
         except EOFError:
             return
         except Exception as problem:
             pipe.send((False, RuntimeError(f"cannot read the work: {problem}")))
             continue
         try:
+            if prepare is not None:
+                prepare(arguments[0])
+            pipe.send((True, None))
             answer = (True, work(*arguments, **keywords))
         except Exception as problem:
-            answer = (False, problem)
+            # Said in words: not every error can travel between processes.
+            answer = (False, RuntimeError(f"{type(problem).__name__}: {problem}"))
         try:
             pipe.send(answer)
         except (TypeError, AttributeError, ValueError) as problem:
-            # Not every error can travel between processes.
-            pipe.send((False, RuntimeError(f"{type(answer[1]).__name__} cannot be sent: {problem}")))
+            pipe.send((False, RuntimeError(f"what it returned cannot be sent: {problem}")))
 
 
 def _too_long(limit: float) -> str:

@@ -7,6 +7,7 @@ touched, the whole joint space.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 import scipy.spatial
@@ -48,7 +49,7 @@ def probe_postures(
         if kind == "training":
             found[name] = torch.from_numpy(_training_postures(training))
         elif kind == "face":
-            found[name] = body.touch_postures(np.arange(body.skin.count), float(settings["distance"]))
+            found[name] = _face(body, float(settings["distance"]))
         else:
             found[name] = _joint_space(body, **settings)
     return found
@@ -88,6 +89,13 @@ def _training_postures(training: xr.Dataset) -> Float[np.ndarray, "postures p"]:
     return q
 
 
+# The same for every recording and estimator of an embodiment, so a worker finds them once.
+@lru_cache(maxsize=8)
+def _face(body: Embodiment, distance: float) -> Float[Tensor, "postures p"]:
+    return body.touch_postures(np.arange(body.skin.count), distance)
+
+
+@lru_cache(maxsize=8)
 def _joint_space(body: Embodiment, count: int, seed: int) -> Float[Tensor, "postures p"]:
     """Uniform within the limits; postures whose hand is nearer than the near plane, or behind, are drawn again."""
     drawn = body.felt_robot.sample(count * _DRAWS, seed=seed)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+import torch
 import xarray as xr
 
 from bodyimage_kin._embodiment_file import load_embodiment
@@ -199,8 +200,13 @@ class Study:
         """
         origin = self.origin()
         place = Store.claim(Path(store), origin, self.folder)
-        with executors.executor(executor, workers) as working:
-            _Run(self, place, origin, working, retry, report).work()
+        threads = torch.get_num_threads()
+        try:
+            with executors.executor(executor, workers) as working:
+                _Run(self, place, origin, working, retry, report).work()
+        finally:
+            # Cells worked off in this process compute with one.
+            torch.set_num_threads(threads)
         return self.gather(place.folder)
 
     def gather(self, store: str | Path) -> xr.Dataset:
@@ -305,28 +311,33 @@ class _Run:
     def _submit(self, task: _Task) -> Future[Any]:
         limit = self.study.time_limit
         if task.scene is None or task.estimator is None:
-            return executors.submit(self.executor, None, cells.make_scene, task.ground)
+            return executors.submit(self.executor, None, None, cells.make_scene, task.ground)
         table = self.study.estimators[task.estimator]
-        return executors.submit(
-            self.executor, limit, cells.run_cell, task.ground, task.scene, task.estimator, table, self.study.metrics
-        )
+        arguments = task.ground, task.scene, task.estimator, table, self.study.metrics
+        return executors.submit(self.executor, limit, cells.load_body, cells.run_cell, *arguments)
 
     def _take(self, task: _Task, future: Future[Any]) -> None:
         problem = future.exception()
         if isinstance(problem, executors.NoWorker):
             raise problem
         if task.estimator is not None:
-            found = self._failed(task.ground, problem) if problem is not None else future.result()
+            found = (
+                future.result()
+                if problem is None
+                else cells.failed(task.ground, self.study.metrics, cells.describe(problem))
+            )
             self._write(task, task.estimator, found)
-        elif problem is None:
-            scene = future.result()
+            return
+        scene = cells.describe(problem) if problem is not None else future.result()
+        if isinstance(scene, Scene):
             self.store.write_scene(task.ground, task.block, scene, self.attributes)
             recordings = {role: scene.recordings[role] for role in ("training", "tour")}
             self._stand_on(task, Scene(recordings, scene.facts))
-        else:
-            self._done()
-            for name in self._missing(task):
-                self._write(task, name, self._failed(task.ground, problem, "no recordings: "))
+            return
+        self._done()
+        for name in self._missing(task):
+            failed = cells.failed(task.ground, self.study.metrics, f"no recordings: {scene}")
+            self._write(task, name, failed)
 
     def _stand_on(self, task: _Task, scene: Scene) -> None:
         """The ground is there: its cells come next."""
@@ -335,9 +346,6 @@ class _Run:
 
     def _missing(self, task: _Task) -> list[str]:
         return self.missing[task.ground.embodiment, task.ground.recording, task.block]
-
-    def _failed(self, ground: Ground, problem: BaseException, what: str = "") -> xr.Dataset:
-        return cells.failed(ground, self.study.metrics, what + cells.describe(problem))
 
     def _write(self, task: _Task, estimator: str, found: xr.Dataset) -> None:
         store.write(found.assign_attrs(self.attributes), self.store.cell(task.ground, task.block, estimator))
@@ -380,7 +388,7 @@ def _gather(study: Study, place: Store, origin: Mapping[str, Any]) -> xr.Dataset
     scores = _over_recordings(study, {key: cells.concat(blocks, "seed") for key, blocks in grid.items()})
     if facts:
         known = _over_recordings(study, {key: cells.concat(blocks, "seed") for key, blocks in facts.items()})
-        scores = xr.merge([scores, known.reindex(seed=scores["seed"])], join="outer", combine_attrs="drop")
+        scores = xr.merge([scores, known.reindex(seed=scores["seed"])], join="outer", combine_attrs="override")
     found = scores.transpose("embodiment", "recording", "estimator", "seed", "probe", ...)
     return found.assign_attrs(attributes(origin), all_versions=json.dumps([json.loads(one) for one in sorted(used)]))
 

@@ -2,37 +2,129 @@
 
 from __future__ import annotations
 
+import json
+import re
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import odd_estimators
 import pytest
+import xarray as xr
 
 import bodyimage_kin as bk
-from bodyimage_kin.study import Study
+from bodyimage_kin._embodiment_file import embodiment_folder
+from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, OutputRefused, UnknownName
+from bodyimage_kin.recordings import read_recording
+from bodyimage_kin.study import Study, commands, specs, statistics, summary
+from bodyimage_kin.study.study import MISSING
 
 
 def small(**changes):
     """A study that takes seconds."""
     asked = {
         "embodiments": {"infant": "infant"},
-        "recordings": {"still": {"circle": {"turns": 0.5}, "touch": {"duration": 10.0}, "tour": {"speed": 0.1}}},
-        "estimators": {"flat": "LeastSquares", "paper": {"PaperMLP": {"steps": 20}}},
+        "recordings": {"still": {"circle": {"turns": 0.5}, "touch": {"duration": 5.0}, "tour": {"speed": 0.2}}},
+        "estimators": {"flat": "LeastSquares", "paper": {"PaperMLP": {"steps": 20}}, "truth": "Analytic"},
         "seeds": 3,
         "block": 2,
+        "per_posture": True,
+        "probes": {**specs.PROBES, "joint_space": {"joint_space": {"count": 100}}},
     }
     return Study(**asked | changes)
+
+
+def reproducible(results):
+    return results.drop_vars("fit_seconds")
 
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """A small study, its results and its store."""
     store = tmp_path_factory.mktemp("study") / "run"
-    study = small(estimators={**small().estimators, "truth": "Analytic"}, per_posture=True)
+    study = small()
     return study, study.run(store, "in-process"), store
 
 
+# As a file -----------------------------------------------------------------------------------------------------------
+
+
 def test_a_study_is_read_as_it_was_written(tmp_path):
-    study = small(estimators={"flat": bk.estimators.LeastSquares(scale=0.5), "truth": "Analytic"}, time_limit=9.5)
+    study = small(
+        estimators={
+            "flat": bk.estimators.LeastSquares(scale=0.5),
+            "truth": "Analytic",
+            "many": bk.estimators.Ensemble(bk.estimators.PaperMLP(steps=7), members=3),
+            "odd": odd_estimators.Odd("nan"),
+            "plain": {"odd_estimators:Plain": {"scale": 2.0}},
+        },
+        recordings={"dragged": {"circle": {"dynamics": True, "drag": bk.simulate.DragSettings(torque_variance=0.01)}}},
+        time_limit=9.5,
+        seeds=[7, 3],
+    )
     study.to_toml(tmp_path / "study.toml")
-    assert Study.from_toml(tmp_path / "study.toml") == study
-    assert Study.from_toml(tmp_path / "study.toml").table() == study.table()
+    read = Study.from_toml(tmp_path / "study.toml")
+    assert read == study
+    assert read.table() == study.table()
+    assert read.all_seeds == (7, 3)
+
+
+@pytest.mark.parametrize("name", bk.estimators.names())
+def test_every_estimator_survives_its_table(name, body):
+    table = specs.estimator_table({"Ensemble": {"spec": {"PaperMLP": {}}}} if name == "Ensemble" else name)
+    assert specs.estimator_table(specs.build_estimator(table, body)) == table
+
+
+def test_touch_and_tour_move_as_the_motion_that_is_learned_from():
+    table = specs.recording_table({"circle": {"dynamics": True, "image_noise": 1e-4}, "tour": {"image_noise": 0.0}})
+    assert table["touch"]["dynamics"] is True
+    assert table["touch"]["drag"] == table["circle"]["drag"]
+    assert (table["touch"]["image_noise"], table["tour"]["image_noise"]) == (1e-4, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"estimators": {"a": "LeastSquare"}}, "no estimator 'LeastSquare'; did you mean 'LeastSquares'"),
+        ({"estimators": {"a": {"PaperMLP": {"step": 3}}}}, "no setting of estimator 'PaperMLP' 'step'"),
+        ({"estimators": {"a": {"PaperMLP": {"steps": -3}}}}, "steps=-3"),
+        ({"estimators": {"a": "no_such_module:Thing"}}, "no_such_module"),
+        ({"estimators": {"../a": "LeastSquares"}}, "estimator name '../a'"),
+        ({"estimators": {}}, "estimators: give at least one"),
+        ({"recordings": {"a": {"circle": {"radios": 1.0}}}}, "did you mean 'radius'"),
+        ({"recordings": {"a": {"touch": {}}}}, "learned from one motion"),
+        ({"recordings": {"a": {"circle": {}, "touch": {"sampling": 0.2}}}}, "sampling"),
+        ({"recordings": {"a": {"circle": {"drag": {"stiffness": 9.0}}}}}, "dynamics=True"),
+        ({"probes": {"a": "on_fase"}}, "no probe 'on_fase'"),
+        ({"probes": {"a": {"joint_space": {"count": 0}}}}, "count=0"),
+        ({"metrics": ["relative_eror"]}, "did you mean 'relative_error'"),
+        ({"seeds": [1, 1]}, "none twice"),
+        ({"seeds": 0}, "seeds="),
+        ({"block": 0}, "block=0"),
+        ({"time_limit": -1.0}, "time_limit=-1.0"),
+    ],
+)
+def test_a_wrong_study_says_what_is_wrong(changes, message):
+    with pytest.raises(BodyImageKinError, match=re.escape(message)):
+        small(**changes)
+
+
+def test_a_wrong_file_says_what_is_wrong(tmp_path):
+    path = tmp_path / "study.toml"
+    with pytest.raises(InvalidConfig, match="cannot read study"):
+        Study.from_toml(path)
+    path.write_text("seeds = = 3")
+    with pytest.raises(InvalidConfig, match=r"study\.toml' is no valid TOML"):
+        Study.from_toml(path)
+    path.write_text("seed = 3\nestimator = 1")
+    with pytest.raises(InvalidConfig, match="did you mean 'estimators'"):
+        Study.from_toml(path)
+    path.write_text("seed = 3")
+    with pytest.raises(InvalidConfig, match="'embodiments' is missing"):
+        Study.from_toml(path)
+
+
+# What comes out ------------------------------------------------------------------------------------------------------
 
 
 def test_the_truth_has_no_error_and_learners_have(done):
@@ -42,3 +134,169 @@ def test_the_truth_has_no_error_and_learners_have(done):
     assert float(truth["displacement_error"].max()) < 1e-9
     assert float(results.sel(estimator="flat")["relative_error_use"].min()) > 0.05
     assert set(results["failure"].values.ravel()) == {""}
+
+
+def test_parts_sum_to_the_squared_error_and_postures_to_the_parts(done):
+    results = done[1]
+    np.testing.assert_allclose(results["attribution"].sum("part"), results["relative_error_use"] ** 2, atol=1e-12)
+    for part in ("depth", "variation"):
+        mean = results[f"{part}_by_posture"].mean("posture")
+        np.testing.assert_allclose(mean, results["attribution"].sel(part=part), atol=1e-12)
+
+
+def test_probes_leave_what_was_seen_step_by_step(done):
+    results = done[1]
+    assert list(results["probe"].values) == ["on_circle", "in_front", "on_face", "joint_space"]
+    hand = results["hand_distance"].mean(("seed", "recording", "embodiment"))
+    assert (np.diff(hand) > 0).all()
+    assert float(results["hand_distance"].sel(probe="on_circle").max()) == 0.0
+    # Of the training postures themselves, the mean squared Mahalanobis distance is the number of joints.
+    away = results["mahalanobis_distance_by_posture"].sel(probe="on_circle")
+    assert float((away**2).mean()) == pytest.approx(5.0, rel=0.05)
+    # On the face the hand is a good 2 cm nearer than on a circle 3 cm in front of it.
+    assert 0.02 < float(hand.sel(probe="on_face")) < 0.08
+
+
+def test_every_result_says_where_it_comes_from(done, body):
+    study, results, _ = done
+    assert json.loads(results.attrs["config"]) == study.table()
+    assert json.loads(results.attrs["urdf_sha256"]) == {"infant": body.robot.sha256}
+    assert json.loads(results.attrs["seeds"]) == [0, 1, 2]
+    assert "pin" in json.loads(results.attrs["versions"])
+    assert 0.0 < float(results["max_oracle_difference"].max()) < 1e-9
+    for name, score in results.data_vars.items():
+        assert name == "failure" or {"units", "long_name"} <= set(score.attrs), name
+
+
+def test_seeds_differ_and_estimators_share_their_recordings(done):
+    _, results, store = done
+    assert len(np.unique(results["relative_error"].sel(estimator="flat", probe="on_face"))) == 3
+    recording = read_recording(store / "recordings/infant/still/seed1_training.nc")
+    assert recording.attrs["kind"] == "circle"
+    again = bk.simulate.circle(
+        bk.load_embodiment("infant"), turns=0.5, seed=json.loads(recording.attrs["config"])["seed"]
+    )
+    np.testing.assert_array_equal(again["q"], recording["q"])
+
+
+def test_a_seed_has_the_same_bits_in_any_study(done, tmp_path):
+    alone = small(seeds=[2, 1], block=2, estimators={"paper": {"PaperMLP": {"steps": 20}}})
+    found = alone.run(tmp_path / "run", "in-process")
+    for seed in (1, 2):
+        wanted = done[1].sel(seed=seed, estimator="paper")
+        xr.testing.assert_identical(
+            reproducible(found).sel(seed=seed, estimator="paper").drop_attrs(), reproducible(wanted).drop_attrs()
+        )
+
+
+# The store -----------------------------------------------------------------------------------------------------------
+
+
+def test_only_what_is_missing_is_computed_and_it_is_the_same(done, tmp_path):
+    study, results, store = done
+    copy = shutil.copytree(store, tmp_path / "copy")
+    totals = []
+    xr.testing.assert_identical(study.run(copy, "in-process", report=lambda n, total: totals.append(total)), results)
+    assert max(totals) == 0
+    (copy / "cells/infant/still/paper/block1.nc").unlink()
+    assert (study.gather(copy)["failure"].sel(estimator="paper") == MISSING).values.ravel().tolist() == [
+        False,
+        False,
+        True,
+    ]
+    again = study.run(copy, "in-process", report=lambda n, total: totals.append(total))
+    assert max(totals) == 2  # its ground, from the store, and the cell
+    xr.testing.assert_identical(reproducible(again), reproducible(results))
+
+
+def test_an_interrupted_run_keeps_what_is_done(tmp_path):
+    study = small(seeds=2, block=1, estimators={"flat": "LeastSquares", "same": "LeastSquares"})
+
+    def interrupt(done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        study.run(tmp_path, "in-process", report=interrupt)
+    assert len(list(tmp_path.glob("cells/**/*.nc"))) == 1
+    assert not list(tmp_path.glob("**/*.tmp"))
+
+
+def test_another_config_or_robot_is_refused_with_the_difference(done, tmp_path):
+    _, _, store = done
+    with pytest.raises(OutputRefused, match=r"config\.estimators\.paper\.PaperMLP\.steps is 20 in the store, 21 asked"):
+        small(estimators={**small().estimators, "paper": {"PaperMLP": {"steps": 21}}}).run(store, "in-process")
+    for name in ("infant.toml", "infant.urdf"):
+        shutil.copy(embodiment_folder() / name, tmp_path)
+    study = small(embodiments={"mine": "infant.toml"}, folder=tmp_path, seeds=1, estimators={"flat": "LeastSquares"})
+    first = study.run(tmp_path / "run", "in-process")
+    assert set(first["failure"].values.ravel()) == {""}
+    urdf = tmp_path / "infant.urdf"
+    urdf.write_text(urdf.read_text() + "<!-- touched -->")
+    with pytest.raises(OutputRefused, match=r"urdf_sha256\.mine is"):
+        study.run(tmp_path / "run", "in-process")
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(OutputRefused, match="not a study"):
+        small().run(tmp_path, "in-process")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+# Commands and the page -----------------------------------------------------------------------------------------------
+
+
+def test_the_page_stands_alone(done, tmp_path):
+    page = bk.report.write(done[1], tmp_path / "report.html", baseline="flat").read_text()
+    assert len(page) < 8e6
+    assert not re.search(r'(src|href)\s*=\s*["\'](?!data:|#)', page)
+    assert not re.search(r"@import|url\(", page)
+    text = re.sub(r"data:[^\"]*", "", page)
+    assert "nan" not in text.lower().split()
+    assert "Fewer than 30 recordings" in text
+    for section in ("Scores", "Against flat", "Failures", "Error and distance", "The face"):
+        assert section in text
+    assert page.count("data:image/svg+xml") == 4
+    with pytest.raises(UnknownName, match="did you mean 'flat'"):
+        bk.report.write(done[1], tmp_path / "report.html", baseline="flta")
+    with pytest.raises(InvalidConfig, match="not the results of a study"):
+        bk.report.write(xr.Dataset(), tmp_path / "report.html")
+
+
+def test_a_summary_holds_estimators_against_each_other(done):
+    means = summary.summarise(done[1], "relative_error_use")
+    assert means["mean"].dims == ("embodiment", "recording", "estimator", "probe")
+    assert (means["lower"] <= means["mean"] + 1e-12).all()
+    found = summary.compare(done[1].sel(estimator=["flat", "paper"]), "relative_error_use", "flat")
+    assert list(found["estimator"].values) == ["paper"]
+    flat, paper = (done[1]["relative_error_use"].sel(estimator=name, probe="on_face") for name in ("flat", "paper"))
+    on_face = found.sel(probe="on_face")
+    assert float(on_face["ratio"].squeeze()) == pytest.approx(float(np.exp(np.log(paper / flat).mean())))
+    assert float(on_face["p"].squeeze()) == statistics.sign_flip(np.log(paper / flat).squeeze())
+    np.testing.assert_allclose(found["p_holm"], statistics.holm(found["p"].values.ravel()).reshape(found["p"].shape))
+
+
+def test_the_commands_run_report_and_tell_how_far_it_is(tmp_path, capsys):
+    (tmp_path / "study.toml").write_text(
+        'seeds = 1\nembodiments.infant = "infant"\nestimators.flat = "LeastSquares"\n'
+        'estimators.odd = "odd_estimators:Odd"\n'
+        "[recordings.still]\ncircle = {turns = 0.5}\ntouch = {duration = 5.0}\ntour = {speed = 0.2}\n"
+    )
+    out = tmp_path / "out"
+    with pytest.raises(InvalidConfig, match="holds no study"):
+        commands.status_command(out)
+    assert commands.study_command(tmp_path / "study.toml", out, scheduler="in-process") == commands.FAILED
+    assert "infant/still/odd, seeds 0: ValueError: nothing to learn" in capsys.readouterr().err
+    assert commands.status_command(out) == commands.FAILED
+    assert "infant/still/flat: 1 of 1 done\ninfant/still/odd: 0 of 1 done, 1 failed" in capsys.readouterr().out
+    assert commands.report_command(out, baseline="flat") == commands.FAILED
+    assert "nothing to learn" in (out / "report.html").read_text()
+    with xr.open_dataset(out / "results.nc", engine="h5netcdf") as results:
+        assert float(results["relative_error"].sel(estimator="flat").max()) > 0
+    recording = out / "recordings/infant/still/seed0_training.nc"
+    assert commands.fit_command("LeastSquares", recording, tmp_path / "learned") == 0
+    assert bk.load_learned(tmp_path / "learned").p == 5
+    with ThreadPoolExecutor(1) as threads:
+        study = Study.from_toml(tmp_path / "study.toml")
+        assert int((study.run(out, threads, retry=True)["failure"] != "").sum()) == 1

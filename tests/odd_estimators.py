@@ -1,0 +1,39 @@
+"""Estimators that go wrong, each in its own way, and one that does not; workers import them by name."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+
+import torch
+
+from bodyimage_kin.estimators import ConstantJacobian, Estimator, LeastSquares
+
+
+@dataclass(frozen=True)
+class Odd(Estimator):
+    """Goes wrong as it is told."""
+
+    way: str = "raises"
+
+    def fit(self, exp, seed=0):
+        if self.way == "raises":
+            raise ValueError("nothing to\nlearn")
+        if self.way == "sleeps":
+            time.sleep(600)
+        if self.way == "dies":
+            os._exit(3)
+        matrix = LeastSquares().fit(exp, seed).matrix
+        wrong = {"nan": torch.full_like(matrix, torch.nan), "shape": matrix[:1]}
+        return ConstantJacobian(wrong[self.way])
+
+
+class Plain:
+    """No subclass of ours, and no dataclass: all that is asked for is ``fit``."""
+
+    def __init__(self, scale=1.0):
+        self.scale = scale
+
+    def fit(self, exp, seed=0):
+        return LeastSquares(scale=self.scale).fit(exp, seed)
