@@ -148,7 +148,7 @@ def _values(
     if joints:
         # (3, m, batch): axes, and where they pass through.
         axis, origin = torch.stack([z for z, _ in joints], 1), torch.stack([o for _, o in joints], 1)
-        linear = torch.linalg.cross(axis, frame[3][:, None] - origin, dim=0)
+        linear = _cross(axis, frame[3][:, None] - origin)
         if any(sliding):
             linear = torch.where(turning, linear, axis)
             axis = torch.where(turning, axis, 0.0)
@@ -158,6 +158,17 @@ def _values(
             jacobian[:3].index_add_(1, columns, linear * follow[0])
             jacobian[3:].index_add_(1, columns, axis * follow[0])
     return frame, jacobian.reshape(6 * n, len(q))
+
+
+def _cross(a: Float[Tensor, "3 m batch"], b: Float[Tensor, "3 m batch"]) -> Float[Tensor, "3 m batch"]:
+    """Written out: torch.linalg.cross 2.13 goes number by number along the first axis."""
+    (a0, a1, a2), (b0, b1, b2) = a, b
+    return torch.stack(
+        [
+            torch.addcmul(one * other, less, by, value=-1.0)
+            for one, other, less, by in ((a1, b2, a2, b1), (a2, b0, a0, b2), (a0, b1, a1, b0))
+        ]
+    )
 
 
 def _aligned(origins: Float[Tensor, "origins 4 4"], axes: Float[Tensor, "m 3"]) -> Float[Tensor, "steps 4 4"]:
