@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -392,3 +396,19 @@ def test_what_the_hand_looks_like_is_what_the_formulas_say(body: bk.Embodiment) 
         with pytest.raises(InvalidPosture, match="1 of 1"):
             function(torch.full((body.p,), math.nan, dtype=torch.float64))
         assert torch.autograd.gradcheck(function, q[0].clone().requires_grad_())
+
+
+@pytest.mark.slow
+def test_compiling_is_announced_once_and_kept(tmp_path: Path) -> None:
+    code = (
+        "import bodyimage_kin as bk; body = bk.load_embodiment('infant', backend='numba'); "
+        "q = body.felt_home[None]; body.hand_image_jacobian(q); body.kinematics.pose(q.requires_grad_(), "
+        "body.hand.link).sum().backward()"
+    )
+    said = []
+    for _ in range(2):
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        said.append(done.stderr)
+    assert said[0].count("compiling kinematics") == 1
+    assert said[1] == ""
