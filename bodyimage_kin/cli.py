@@ -25,8 +25,8 @@ class Reproduce:
 
     out: Path
     """Folder for the results: new, empty, or of an earlier reproduction."""
-    seeds: int = 10
-    """Number of recordings."""
+    seeds: int | None = None
+    """Number of recordings of each motion; by default 10, or 3 when quick."""
     embodiment: str = "infant"
     """Name of an embodiment, or path of a TOML file."""
     quick: bool = False
@@ -42,13 +42,14 @@ class Reproduce:
         from bodyimage_kin.study import fuke2007
 
         begin = time.monotonic()
-        settings = fuke2007.Settings(self.embodiment, self.seeds, self.quick)
+        seeds = self.seeds if self.seeds is not None else (3 if self.quick else 10)
+        settings = fuke2007.Settings(self.embodiment, seeds, self.quick)
         # A wrong embodiment is told before any folder is touched.
         fuke2007.check(settings)
         folder = _output.claim(self.out, "reproduction", asdict(settings))
-        with progress("recordings") as report:
+        with progress("motions and seeds") as report:
             cells = fuke2007.run(settings, folder / "recordings", progress=report)
-        summary = fuke2007.summary(settings, cells)
+        summary = fuke2007.summarise(settings, cells)
         page = write_reproduction(settings, cells, summary, folder)
         fuke2007.write_summary(summary, folder / "summary.json")
         print(f"{page} after {time.monotonic() - begin:.0f} s")

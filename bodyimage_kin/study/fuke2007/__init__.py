@@ -26,3 +26,4 @@ from bodyimage_kin.study.fuke2007.run import run as run
 from bodyimage_kin.study.fuke2007.run import summarise as summarise
 from bodyimage_kin.study.fuke2007.run import write_summary as write_summary
 from bodyimage_kin.study.fuke2007.scene import true_map as true_map
+from bodyimage_kin.study.fuke2007.scores import GAMMA as GAMMA

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from bodyimage_kin._embodiment_file import load_embodiment
 from bodyimage_kin.body_image import integrate
-from bodyimage_kin.estimators import Analytic, Estimator, LeastSquares, PaperMLP
+from bodyimage_kin.estimators import Analytic, Estimator, LeastSquares
 from bodyimage_kin.recordings import experience
 from bodyimage_kin.study.fuke2007.blindness import Blindness, measure_blindness
 from bodyimage_kin.study.fuke2007.conditions import CONDITIONS, DIRECT, Condition, Motion, Settings
@@ -91,7 +91,7 @@ def run_cell(settings: Settings, motion: Motion, seed: int, folder: Path) -> lis
     cells = []
     for condition in CONDITIONS:
         if condition.motion == motion:
-            paper = _pursue(scene, PaperMLP(steps=condition.steps))
+            paper = _pursue(scene, condition.network)
             pursued = {"paper_mlp": paper, **once, "analytic_midpoint": midpoint}
             cells.append(_cell(scene, condition, pursued, direct))
     return cells

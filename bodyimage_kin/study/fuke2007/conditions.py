@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.estimators import PaperMLP
 from bodyimage_kin.recordings.simulate import DragSettings
 
 PROBES = ("on_circle", "in_front", "on_face")
@@ -37,8 +38,12 @@ class Motion:
     @property
     def settings(self) -> dict[str, Any]:
         """As keywords of the functions in :mod:`bodyimage_kin.recordings.simulate`."""
-        drag = DragSettings(torque_variance=self.torque_noise) if self.dynamics else None
-        return {"dynamics": self.dynamics, "drag": drag}
+        return {"dynamics": self.dynamics, "drag": self.drag}
+
+    @property
+    def drag(self) -> DragSettings | None:
+        """How the hand is dragged; None without dynamics."""
+        return DragSettings(torque_variance=self.torque_noise) if self.dynamics else None
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,11 @@ class Condition:
     motion: Motion
     steps: int
     paper: bool = False
+
+    @property
+    def network(self) -> PaperMLP:
+        """The paper's network as it learns here."""
+        return PaperMLP(hidden=10, learning_rate=0.2, steps=self.steps)
 
 
 MOTIONS = (

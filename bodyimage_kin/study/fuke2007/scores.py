@@ -19,6 +19,8 @@ from bodyimage_kin.recordings import experience, simulate
 from bodyimage_kin.study.fuke2007.conditions import PARTS, PROBES
 from bodyimage_kin.study.fuke2007.scene import Scene
 
+GAMMA = 40.0
+"""Scaling factor of the taxels' activation (Table 1)."""
 _SNAPSHOTS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.9, 1.0)
 """Shares of all map steps at which maps are kept: 0, 1200, 2400, 3600, 4800, 7200 and 8000 of 8000 (Fig. 10)."""
 
@@ -134,6 +136,7 @@ def learn_map(
         hand,
         seed=scene.seed if seed is None else seed,
         grid=scene.true_map.shape[:2],
+        gamma=GAMMA,
         snapshots=[round(share * steps) for share in snapshots],
         image_range=scene.image_range,
         posture_som=scene.posture_som,
