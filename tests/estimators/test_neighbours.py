@@ -58,3 +58,13 @@ def test_the_bandwidth_chosen_tells_places_apart(two_places):
 def test_what_is_not_finite_has_no_neighbours(two_places):
     with pytest.raises(InvalidPosture, match="no neighbours"):
         NearestNeighbours().fit(two_places).jacobian([np.nan, 0.0])
+
+
+def test_weights_fall_with_the_squared_distance(two_places):
+    learned = LocallyWeighted(0.05, penalty=1e-3).fit(two_places)
+    q = torch.tensor([0.02, -0.01], dtype=torch.float64)
+    weights = torch.exp(-((learned.q - q) ** 2).sum(1) / (2 * 0.05**2))
+    weights = weights / weights.sum()
+    gram = learned.dq.T @ (weights[:, None] * learned.dq) + learned.penalty * torch.eye(2, dtype=torch.float64)
+    local = torch.linalg.solve(gram, learned.dq.T @ (weights[:, None] * learned.residual)).T
+    torch.testing.assert_close(learned.jacobian(q), learned.constant + local)

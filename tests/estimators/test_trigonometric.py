@@ -11,6 +11,7 @@ import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators import LeastSquares, RationalTrig, TrigRidge
 from bodyimage_kin.estimators._trigonometric import TrigBasis
+from bodyimage_kin.estimators.rational_trig import _solve
 from bodyimage_kin.metrics import pooled_relative_error
 
 
@@ -113,3 +114,23 @@ def test_depth_in_the_model_pays_out_of_sight(body):
         spec: pooled_relative_error(true, spec.fit(exp).jacobian(face)) for spec in (RationalTrig(), LeastSquares())
     }
     assert error[RationalTrig()] < 0.7 < error[LeastSquares()]
+
+
+def test_each_equation_is_divided_by_the_depth_it_was_found_at():
+    generator = torch.Generator().manual_seed(0)
+    X = 0.4 * torch.randn(60, 3, generator=generator, dtype=torch.float64)
+    Y = torch.randn(60, 2, generator=generator, dtype=torch.float64)
+    depth = 0.5 + torch.rand(60, generator=generator, dtype=torch.float64)
+    found, deeper = _solve(X, Y, depth, penalty=0.1, steps=1)
+
+    def cost(solution):
+        values = solution[0] + X @ solution[1:]
+        wrong = (values[:, 2:] * Y - values[:, :2]) / depth[:, None]
+        return float((wrong**2).sum() / 60 + 0.1 * (solution[1:] ** 2).sum())
+
+    torch.testing.assert_close(deeper, found[0, 2] + X @ found[1:, 2])
+    assert found[0, 2] == 1.0
+    for seed in range(20):
+        nudge = 1e-3 * torch.randn(4, 3, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+        nudge[0, 2] = 0.0
+        assert cost(found) < cost(found + nudge)
