@@ -29,6 +29,10 @@ _EXACT = 1e-6
 """Below this an estimator is the truth itself, and has no place on a logarithmic axis or in a ratio."""
 _TOGETHER = 6
 """Estimators that one figure can tell apart."""
+_MOST = 4.0
+"""Squared error up to which parts are drawn: twice the error of a Jacobian of zeros."""
+_LEAST_HEIGHT = 2.2
+"""Of a figure with a legend above it [inch]."""
 _ON_TOUR = ("displacement_error", "trajectory_rmse", "velocity_correlation", "velocity_nrmse", "fit_seconds")
 _BY_PROBE = ("relative_error_use", "relative_error", "scale_free_error")
 
@@ -208,16 +212,23 @@ def _attributions(one: xr.Dataset, place: str) -> list[tuple[str, str, Figure]]:
         return []
     mean = one["attribution"].mean("seed")
     names = _learned(one, "attribution")
-    if not names:
-        return []
-    parts = {
-        str(probe): {
+    pictures = []
+    for probe in mean["probe"].values:
+        # A panel of its own scale each: beyond the face some err a thousandfold.
+        bars = {
             name: {part: float(mean.sel(probe=probe, estimator=name, part=part)) for part in PARTS} for name in names
         }
-        for probe in mean["probe"].values
-    }
-    text = "Mean over recordings of the squared relative error in the motion's metric, as a sum of four parts."
-    return [(f"{place}: parts of the error", text, score_figures.attribution_bars(parts))]
+        drawn = {name: bar for name, bar in bars.items() if sum(bar.values()) <= _MOST}
+        beyond = [style.label(name) for name, bar in bars.items() if sum(bar.values()) > _MOST]
+        text = "Mean over recordings of the squared relative error in the motion's metric, as a sum of four parts."
+        if beyond:
+            text += f" Not drawn, for they err more than {_MOST:g}: {', '.join(beyond)}."
+        if drawn:
+            figure = score_figures.attribution_bars({str(probe): drawn})
+            # The legend is as tall as five bars, so fewer would have no room.
+            figure.set_figheight(max(figure.get_figheight(), _LEAST_HEIGHT))
+            pictures.append((f"{place}: parts of the error {style.label(str(probe))}", text, figure))
+    return pictures
 
 
 def _distances(one: xr.Dataset, place: str) -> list[tuple[str, str, Figure]]:
@@ -228,29 +239,35 @@ def _distances(one: xr.Dataset, place: str) -> list[tuple[str, str, Figure]]:
     where = {"hand_distance_by_posture": "distance of the hand from where it was in training [cm]"}
     where["mahalanobis_distance_by_posture"] = "Mahalanobis distance from training in its joint space"
     pictures = []
-    for first in range(0, len(names), _TOGETHER):
-        for distance, axis in where.items():
-            away = one[distance].transpose("seed", "probe", "posture") * (100.0 if "hand" in distance else 1.0)
-            there = {str(probe): np.isfinite(away.sel(probe=probe).values) for probe in one["probe"].values}
-            errors = {
-                name: {
-                    probe: one[score].sel(estimator=name, probe=probe).transpose("seed", "posture").values[kept]
-                    for probe, kept in there.items()
+    for probes in _near_and_far(one):
+        for first in range(0, len(names), _TOGETHER):
+            for distance, axis in where.items():
+                away = one[distance].transpose("seed", "probe", "posture") * (100.0 if "hand" in distance else 1.0)
+                there = {probe: np.isfinite(away.sel(probe=probe).values) for probe in probes}
+                errors = {
+                    name: {
+                        probe: one[score].sel(estimator=name, probe=probe).transpose("seed", "posture").values[kept]
+                        for probe, kept in there.items()
+                    }
+                    for name in names[first : first + _TOGETHER]
                 }
-                for name in names[first : first + _TOGETHER]
-            }
-            pictures.append(
-                (
-                    f"{place}: error against distance",
-                    "Relative error at each posture, in the motion's metric; all recordings.",
-                    figures.error_by_distance(
-                        {probe: away.sel(probe=probe).values[kept] for probe, kept in there.items()},
-                        errors,
-                        distance_label=axis,
-                    ),
-                )
-            )
+                away_by_probe = {probe: away.sel(probe=probe).values[kept] for probe, kept in there.items()}
+                figure = figures.error_by_distance(away_by_probe, errors, distance_label=axis)
+                text = "Relative error at each posture, in the motion's metric; all recordings."
+                pictures.append((f"{place}: error against distance", text, figure))
     return pictures
+
+
+def _near_and_far(one: xr.Dataset) -> list[list[str]]:
+    """Probes that share a scale: those of training and face, and those of the whole joint space."""
+    kinds = json.loads(one.attrs.get("config", "{}")).get("probes", {})
+    names = [
+        str(probe)
+        for probe in one["probe"].values
+        if bool(one["hand_distance_by_posture"].sel(probe=probe).notnull().any())
+    ]
+    far = [name for name in names if "joint_space" in kinds.get(name, {})]
+    return [group for group in ([name for name in names if name not in far], far) if group]
 
 
 def _atlas(

@@ -219,17 +219,17 @@ class _Worker:
         self._pipe: Connection
         self._pipe, theirs = context.Pipe()
         self._process: BaseProcess = context.Process(target=_work, args=(theirs,), daemon=True)
-        self._process.start()
-        theirs.close()
-        self.alive = True
         try:
+            # A script that starts workers as it is imported starts them in each worker again, which Python refuses.
+            self._process.start()
+            theirs.close()
             self._pipe.recv()
-        except EOFError:
-            self._kill()
+        except (EOFError, OSError, RuntimeError, AssertionError) as problem:
             raise NoWorker(
-                "a worker could not start; when a script runs a study, its last lines belong under "
+                f"a worker could not start ({type(problem).__name__}); in a script, what runs a study belongs under "
                 "`if __name__ == '__main__':`"
             ) from None
+        self.alive = True
 
     def call(self, job: _Job) -> Any:
         try:

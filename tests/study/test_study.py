@@ -257,7 +257,7 @@ def test_the_page_stands_alone(done, tmp_path):
     assert "Fewer than 30 recordings" in text
     for section in ("Scores", "Against flat", "Failures", "Error and distance", "The face"):
         assert section in text
-    assert page.count("data:image/svg+xml") == 4
+    assert page.count("data:image/svg+xml") == 4 + 2 * 2 + 1  # attribution, distances, the face
     with pytest.raises(UnknownName, match="did you mean 'flat'"):
         bk.report.write(done[1], tmp_path / "report.html", baseline="flta")
     with pytest.raises(InvalidConfig, match="not the results of a study"):
@@ -280,7 +280,7 @@ def test_a_summary_holds_estimators_against_each_other(done):
 def test_the_commands_run_report_and_tell_how_far_it_is(tmp_path, capsys):
     (tmp_path / "study.toml").write_text(
         'seeds = 1\nembodiments.infant = "infant"\nestimators.flat = "LeastSquares"\n'
-        'estimators.odd = "odd_estimators:Odd"\n'
+        'estimators.odd = "odd_estimators:Odd"\nprobes.on_face = "on_face"\n'
         "[recordings.still]\ncircle = {turns = 0.5}\ntouch = {duration = 5.0}\ntour = {speed = 0.2}\n"
     )
     out = tmp_path / "out"
