@@ -70,6 +70,14 @@ def test_flipping_signs_counts_all_flips():
     assert statistics.sign_flip(differences) == pytest.approx(wanted)
 
 
+def test_strata_weigh_the_same_when_signs_are_flipped():
+    strata = {"small": [0.3, 0.1, 0.2, 0.4, -0.1, 0.2], "large": [-0.5, -0.2]}
+    weighted = np.concatenate([np.array(one) / len(one) for one in strata.values()])
+    flips = [abs(np.dot(signs, weighted)) for signs in itertools.product((-1, 1), repeat=8)]
+    wanted = np.mean(np.array(flips) >= abs(weighted.sum()) - 1e-12)
+    assert statistics.sign_flip(strata) == pytest.approx(wanted)
+
+
 def test_no_difference_is_found_as_seldom_as_it_should():
     rng = np.random.default_rng(5)
     p = np.array([statistics.sign_flip(sample) for sample in rng.standard_normal((400, 8))])
