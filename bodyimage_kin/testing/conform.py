@@ -220,7 +220,7 @@ def _failure(name: str, build: Build, law: Law, seen: _Seen, kind: str, out: Pat
 
 
 def random_cases(robots: st.SearchStrategy[RobotSpec], count: int) -> list[Case]:
-    """Random cases, the same ones every time."""
+    """Random cases, the same ones in every run of the same code (Hypothesis also draws constants of the caller's)."""
     drawn: list[Case] = []
 
     @settings(

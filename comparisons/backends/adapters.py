@@ -42,7 +42,7 @@ class RawPytorchKinematics:
         chain = self._serial[link]
         column = {name: index for index, name in enumerate(self.joint_names)}
         known = [name for name in chain.get_joint_parameter_names() if name in column]
-        flat = q.reshape(-1, q.shape[-1])
+        flat = q.reshape(q.shape[:-1].numel(), q.shape[-1])
         values = [
             flat[:, column[name]] if name in column else torch.zeros_like(flat[:, 0])
             for name in chain.get_joint_parameter_names()
