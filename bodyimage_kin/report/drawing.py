@@ -9,8 +9,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, no_type_check
 
+import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
@@ -30,7 +31,6 @@ PIXELS = 720
 """Pixels along the longer side of a drawing: 200 to the inch over a column."""
 
 _SUBPIXELS = 2  # along each side of a pixel, averaged for smooth outlines
-_PAIRS = 4_000  # of triangle and pixel, looked at together: few enough to stay in the processor's cache
 _LIGHT = np.array([-0.35, 0.55, 0.76])  # on the picture plane right, up, towards the viewer
 _AMBIENT = 0.45
 
@@ -240,26 +240,26 @@ def _nearest(
     high = np.floor(np.nan_to_num(pixels.max(1)) - 0.5).clip(-1, [width - 1, height - 1]).astype(int)
     # Counterclockwise becomes negative where rows run down; a corner behind the eye makes the area NaN.
     shown = np.flatnonzero((area < -1e-12) & (low <= high).all(1))
-    columns, counts = (high - low + 1)[shown, 0], (high - low + 1)[shown].prod(1)
-    seen, buffer = np.full(height * width, -1), np.full(height * width, np.inf)
-    weights = np.zeros((height * width, 3))
-    # Many triangles at a time, each with the pixels of the box around it; a bounded number of those in memory.
-    for chunk in np.split(np.arange(len(shown)), np.flatnonzero(np.diff(np.cumsum(counts) // _PAIRS)) + 1):
-        triangle, across = np.repeat(shown[chunk], counts[chunk]), np.repeat(columns[chunk], counts[chunk])
-        row, column = np.divmod(_counted(counts[chunk]), across)
-        x, y = low[triangle, 0] + column, low[triangle, 1] + row
-        dx, dy = x + 0.5 - pixels[triangle, 0, 0], y + 0.5 - pixels[triangle, 0, 1]
-        u = (dx * ac[triangle, 1] - dy * ac[triangle, 0]) / area[triangle]
-        v = (dy * ab[triangle, 0] - dx * ab[triangle, 1]) / area[triangle]
-        near = np.stack([1 - u - v, u, v], axis=-1)
-        at, pixel = (near * depth[triangle]).sum(-1), y * width + x
-        # The nearest of a pixel last: of assignments to one place the last one stays.
-        won = np.flatnonzero((near >= 0).all(-1) & (at < buffer[pixel]))
-        won = won[np.argsort(-at[won], kind="stable")]
-        buffer[pixel[won]], seen[pixel[won]], weights[pixel[won]] = at[won], triangle[won], near[won]
-    return seen.reshape(height, width), weights.reshape(height, width, 3)
+    seen, weights = np.full((height, width), -1), np.zeros((height, width, 3))
+    _fill(shown, low, high, pixels[:, 0].copy(), ab, ac, area, depth, np.full((height, width), np.inf), seen, weights)
+    return seen, weights
 
 
-def _counted(counts: Int[np.ndarray, "runs"]) -> Int[np.ndarray, "total"]:
-    """0, 1, ... count - 1 for each count, one after the other."""
-    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+# no_type_check: a checker that wraps functions would hand numba the wrapper.
+@numba.njit(cache=True)
+@no_type_check
+def _fill(shown, low, high, corner, ab, ac, area, depth, buffer, seen, weights):
+    """Depth-buffers triangles pixel by pixel, the nearest winning."""
+    for triangle in shown:
+        for y in range(low[triangle, 1], high[triangle, 1] + 1):
+            for x in range(low[triangle, 0], high[triangle, 0] + 1):
+                dx, dy = x + 0.5 - corner[triangle, 0], y + 0.5 - corner[triangle, 1]
+                u = (dx * ac[triangle, 1] - dy * ac[triangle, 0]) / area[triangle]
+                v = (dy * ab[triangle, 0] - dx * ab[triangle, 1]) / area[triangle]
+                first = 1.0 - u - v
+                if first >= 0.0 and u >= 0.0 and v >= 0.0:
+                    at = first * depth[triangle, 0] + u * depth[triangle, 1] + v * depth[triangle, 2]
+                    if at < buffer[y, x]:
+                        buffer[y, x] = at
+                        seen[y, x] = triangle
+                        weights[y, x, 0], weights[y, x, 1], weights[y, x, 2] = first, u, v

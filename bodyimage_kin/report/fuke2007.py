@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+import multiprocessing
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,14 +50,14 @@ class Picture:
     Attributes:
         name: Of its files.
         section: Which part of the page it stands in.
-        figure: The figure.
+        draw: Draws the figure.
         title: One line.
         text: What it shows.
     """
 
     name: str
     section: str
-    figure: Figure
+    draw: Callable[[], Figure]
     title: str
     text: str
 
@@ -75,9 +77,9 @@ def write_reproduction(settings: Settings, cells: Sequence[Cell], summary: Mappi
     body = load_embodiment(settings.embodiment, settings.backend)
     groups = fuke2007.by_condition(cells)
     pictures = []
+    drawn = _draw_all(settings, cells, folder / "figures")
     for picture in _pictures(body, groups):
-        svg, _ = style.save(picture.figure, folder / "figures", picture.name)
-        data = base64.b64encode(svg.read_bytes()).decode()
+        data = base64.b64encode(drawn[picture.name].read_bytes()).decode()
         pictures.append({"section": picture.section, "title": picture.title, "text": picture.text, "data": data})
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("bodyimage_kin.report"), autoescape=True, undefined=jinja2.StrictUndefined
@@ -101,6 +103,24 @@ def write_reproduction(settings: Settings, cells: Sequence[Cell], summary: Mappi
     )
     write_text(folder / "report.html", page)
     return folder / "report.html"
+
+
+def _draw_all(settings: Settings, cells: Sequence[Cell], folder: Path) -> dict[str, Path]:
+    """Draws and saves every figure, half of them in a process of its own.
+
+    Returns:
+        Name -> SVG.
+    """
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as executor:
+        others = executor.submit(_draw, settings, cells, folder, 1)
+        drawn = _draw(settings, cells, folder, 0)
+        return {**drawn, **others.result()}
+
+
+def _draw(settings: Settings, cells: Sequence[Cell], folder: Path, half: int) -> dict[str, Path]:
+    body = load_embodiment(settings.embodiment, settings.backend)
+    pictures = _pictures(body, fuke2007.by_condition(cells))
+    return {picture.name: style.save(picture.draw(), folder, picture.name)[0] for picture in pictures[half::2]}
 
 
 def _table_1(body: Embodiment) -> tuple[specification.Parameter, ...]:
@@ -158,7 +178,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "robot",
             "first",
-            figures.touching_face(
+            lambda: figures.touching_face(
                 body.robot, touched, body.skin.positions.numpy(), landmarks, noise_free.circle_position
             ),
             "The robot touches its own face",
@@ -168,14 +188,14 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "fig03_postures",
             "experiment",
-            body_figures.posture_grid(body, noisy.postures),
+            lambda: body_figures.posture_grid(body, noisy.postures),
             "Representative postures (Fig. 3)",
             "The units of the posture map, trained on the postures of touching.",
         ),
         Picture(
             "fig04_robot",
             "experiment",
-            body_figures.specification(body),
+            lambda: body_figures.specification(body),
             "The robot and its specification (Fig. 4)",
             "The felt joints are marked. The paper's figure with the dimensions of its robot is not at hand; this "
             "robot's are those of a one-year-old.",
@@ -183,28 +203,28 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "fig05_face",
             "experiment",
-            body_figures.face(body),
+            lambda: body_figures.face(body),
             "The face and its taxels (Fig. 5)",
             "The marks of eyes, nose and mouth are for the reader alone.",
         ),
         Picture(
             "fig06_camera",
             "experiment",
-            body_figures.virtual_screen(body),
+            lambda: body_figures.virtual_screen(body),
             "The camera and its virtual screen (Fig. 6)",
             "Drawn to scale: a hand at the face is at about the depth of the screen.",
         ),
         Picture(
             "fig07_circle",
             "experiment",
-            body_figures.seen_circle(body, noise_free.circle_q),
+            lambda: body_figures.seen_circle(body, noise_free.circle_q),
             "The circle in view (Fig. 7)",
             "The hand is dragged along circles both ways; the square is the virtual screen.",
         ),
         Picture(
             "fig08_velocities",
             "results",
-            _velocities([noise_free, noisy]),
+            lambda: _velocities([noise_free, noisy]),
             "Velocity of the unseen hand (Fig. 8)",
             "The hand visits mouth, nose, right eye, left eye and nose again; first recording. Truth, least squares "
             "and the true Jacobian beside the paper's network.",
@@ -213,7 +233,9 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
             Picture(
                 f"fig09_trajectories_{cell.condition}",
                 "results",
-                figures.trajectories(cell.tour_image, {name: cell.scored[name].tour_image for name in _SHOWN}, places),
+                lambda cell=cell: figures.trajectories(
+                    cell.tour_image, {name: cell.scored[name].tour_image for name in _SHOWN}, places
+                ),
                 f"Trajectory of the unseen hand (Fig. 9): {_CONDITION_LABELS[cell.condition]}",
                 "The same motion, integrated from the mouth's true image.",
             )
@@ -222,7 +244,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "fig10_maps",
             "results",
-            figures.map_snapshots(
+            lambda: figures.map_snapshots(
                 {name: noisy.mapped[name].maps for name in _MAPPED},
                 noisy.mapped[DIRECT].steps,
                 landmarks,
@@ -234,7 +256,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "fig11_topological_error",
             "results",
-            figures.topological_error(
+            lambda: figures.topological_error(
                 noisy.mapped[DIRECT].steps,
                 {name: [cell.mapped[name].topological_errors for cell in many] for name in _MAPPED},
                 spans={name: [cell.mapped[name].spans.mean(axis=-1) for cell in many] for name in _MAPPED},
@@ -248,7 +270,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "posture_map",
             "results",
-            body_figures.posture_map(
+            lambda: body_figures.posture_map(
                 {name: noisy.mapped[name].posture_map for name in _MAPPED}, _true_posture_map(body, noisy)
             ),
             "The posture map",
@@ -257,7 +279,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "jacobian_error_by_distance",
             "attribution",
-            _error_by_distance(many),
+            lambda: _error_by_distance(many),
             "Error of the Jacobian against distance from what was seen",
             "Relative Frobenius error at each posture, on the circle, 3 cm in front of the face and on it, with noise. "
             "A Jacobian of zeros has error 1, the analytic one 0.",
@@ -265,7 +287,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "attribution",
             "attribution",
-            body_figures.attribution_bars(
+            lambda: body_figures.attribution_bars(
                 {
                     _CONDITION_LABELS[condition]: {
                         name: {
@@ -283,7 +305,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "dose_response",
             "blindness",
-            body_figures.dose_response(
+            lambda: body_figures.dose_response(
                 fuke2007.DOSES,
                 fuke2007.power(blindness),
                 false_alarms=fuke2007.FALSE_ALARMS,

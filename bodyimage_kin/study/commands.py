@@ -12,7 +12,8 @@ from bodyimage_kin._progress import progress
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import experience, read_recording
 from bodyimage_kin.study import specs, store
-from bodyimage_kin.study.study import MISSING, Study
+from bodyimage_kin.study.results import MISSING
+from bodyimage_kin.study.study import Study
 from bodyimage_kin.study.summary import failures
 
 FAILED = 1

@@ -38,10 +38,10 @@ MEASURES = (
     "velocity_nrmse",
     "trajectory_rmse",
     "topological_error",
-    "span",
+    "map_span",
     "folded_cells",
-    "disparity",
-    "scale",
+    "map_disparity",
+    "map_scale",
 )
 """Each in a form in which more is worse: 1 - correlation; spans and scales by their distance from direct sight's."""
 
@@ -164,8 +164,8 @@ def _worse(scored: Scored, mapped: Mapped, direct: Mapped) -> dict[str, float]:
         "velocity_nrmse": float(np.max(scored.velocity_nrmse)),
         "trajectory_rmse": scored.trajectory_rmse,
         "topological_error": float(final["topological_error"]),
-        "span": float(np.max(np.abs(np.log(np.maximum(final["span"], 1e-9) / direct.final["span"])))),
+        "map_span": float(np.max(np.abs(np.log(np.maximum(final["span"], 1e-9) / direct.final["span"])))),
         "folded_cells": float(final["folded_cells"]),
-        "disparity": float(final["disparity"]),
-        "scale": float(abs(np.log(max(final["scale"], 1e-9) / direct.final["scale"]))),
+        "map_disparity": float(final["disparity"]),
+        "map_scale": float(abs(np.log(max(final["scale"], 1e-9) / direct.final["scale"]))),
     }
