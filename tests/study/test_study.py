@@ -17,7 +17,7 @@ from bodyimage_kin._embodiment_file import embodiment_folder
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.recordings import read_recording
 from bodyimage_kin.study import Study, commands, specs, statistics, summary
-from bodyimage_kin.study.study import MISSING
+from bodyimage_kin.study.results import MISSING
 
 
 def small(**changes):
