@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import scipy.stats
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -43,8 +42,8 @@ def least_displacement(
         Postures, and whether each is within :data:`TOLERANCE` of its target.
     """
     span = torch.where((upper - lower).isfinite(), upper - lower, torch.pi)
-    spread = scipy.stats.qmc.Halton(len(home), scramble=False).random(_STARTS + 1)[1:]
-    starts = torch.from_numpy(spread).to(home.dtype)
+    engine = torch.quasirandom.SobolEngine(len(home))  # type: ignore[no-untyped-call]
+    starts = engine.draw(_STARTS).to(home.dtype)
     best = _solve(forward, targets, home, home.expand(len(targets), -1), lower, upper)
     for start in starts:
         missed = ~_reached(forward, best, targets)

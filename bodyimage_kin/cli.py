@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
-from bodyimage_kin.errors import BodyImageKinError
+from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
 
 
 @dataclass(frozen=True)
@@ -56,13 +57,149 @@ class Reproduce:
         return 0
 
 
-Command = Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+@dataclass(frozen=True)
+class Conform:
+    """Hold kinematics libraries against an analytic oracle, law by law, on random robots or given ones.
+
+    Exit status 1 when a law is broken; every failure is reduced to the smallest robot that shows it.
+    """
+
+    target: Annotated[str | None, tyro.conf.Positional] = None
+    """A URDF, a folder of them, or an installed package that has some; nothing: random robots."""
+    backend: tuple[str, ...] = ()
+    """Names of backends, or package.module:Class; nothing: every backend installed."""
+    examples: int = 100
+    """Cases for each library and law."""
+    out: Path | None = None
+    """Folder for report.html, report.json and the smallest failing robots."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.testing.conform import conform
+
+        report = conform(
+            self.target,
+            list(self.backend) or None,
+            self.examples,
+            self.out,
+            tell=lambda verdict: print(".", end="", flush=True, file=sys.stderr),
+        )
+        print(file=sys.stderr)
+        print(report)
+        return report.exit_status
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure speed and accuracy of every kinematics engine that is installed, in turns.
+
+    Writes speed.md, speed.json, speed.svg and speed.png.
+    """
+
+    out: Path
+    """Folder for the tables and the plot."""
+    quick: bool = False
+    """No batch of a million and fewer turns, for a first look."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin import bench
+
+        settings = bench.QUICK if self.quick else bench.Settings()
+        result = bench.run(settings, report=lambda what: print(what, file=sys.stderr, flush=True))
+        print(bench.write(result, self.out))
+        return 0
+
+
+@dataclass(frozen=True)
+class Study:
+    """Work off a study of learned Jacobians; what is there already is not computed again.
+
+    Exit status 1 when a cell failed; the others are kept.
+    """
+
+    file: Annotated[Path | None, tyro.conf.Positional] = None
+    """The study as TOML."""
+    out: Path | None = None
+    """Folder for its cells and its page."""
+    status: Path | None = None
+    """Only say how far the study in this folder is."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler, tcp://..., instead of a pool of processes."""
+    workers: int | None = None
+    """Number of processes; by default one a core."""
+    retry: bool = False
+    """Try cells again that failed before."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.study import commands
+
+        if self.status is not None:
+            return commands.status_command(self.status)
+        if self.file is None or self.out is None:
+            raise InvalidConfig("give a study file and --out DIR, or --status DIR")
+        return commands.study_command(
+            self.file, self.out, workers=self.workers, scheduler=self.scheduler, retry=self.retry
+        )
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write the page of a study that has been worked off."""
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """The study's folder."""
+    baseline: str | None = None
+    """Estimator that the others are compared with."""
+    atlas: str | None = None
+    """Estimator whose error is drawn taxel by taxel."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.study import commands
+
+        return commands.report_command(self.folder, self.baseline, self.atlas)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Learn a Jacobian from a recording and save it."""
+
+    estimator: Annotated[str, tyro.conf.Positional]
+    """Name of an estimator, or package.module:Class."""
+    recording: Annotated[Path, tyro.conf.Positional]
+    """The recording, NetCDF."""
+    out: Path
+    """Folder for the learned Jacobian."""
+    embodiment: str | None = None
+    """For estimators that know the body."""
+    seed: int = 0
+    """Of whatever is drawn at random."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.study import commands
+
+        return commands.fit_command(
+            self.estimator, self.recording, self.out, embodiment=self.embodiment, seed=self.seed
+        )
+
+
+_COMMANDS: dict[str, Callable[..., Any]] = {
+    "reproduce": Reproduce,
+    "study": Study,
+    "report": Report,
+    "fit": Fit,
+    "conform": Conform,
+    "bench": Bench,
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; a user's error is one line on standard error and exit status 2."""
     command = tyro.extras.subcommand_cli_from_dict(
-        {"reproduce": Reproduce},
+        _COMMANDS,
         prog="bodyimage-kin",
         description="Learned kinematics held against the analytic truth.",
         args=arguments,

@@ -18,14 +18,14 @@ def body():
 
 @pytest.fixture(scope="session")
 def circle(body):
-    return bk.simulate.circle(body, turns=1.0, seed=1)
+    return bk.simulate.circle(body, dynamics=False, turns=1.0, seed=1)
 
 
 @pytest.fixture(scope="session")
 def tour(body):
-    return bk.simulate.face_tour(body, seed=1)
+    return bk.simulate.face_tour(body, dynamics=False, seed=1)
 
 
 @pytest.fixture(scope="session")
 def touch(body):
-    return bk.simulate.random_touch(body, duration=30.0, seed=1)
+    return bk.simulate.random_touch(body, dynamics=False, duration=30.0, seed=1)

@@ -54,6 +54,10 @@ class Settings:
             raise InvalidConfig("rounds must be positive")
 
 
+QUICK = Settings(batches=(1, 100, 10_000), rounds=7, longest=2.0, stream=10_000_000)
+"""For a first look."""
+
+
 def run(settings: Settings | None = None, report: Report = lambda _: None) -> dict[str, Any]:
     """Measures everything that is installed, for some minutes.
 

@@ -7,6 +7,7 @@ import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -233,9 +234,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
             Picture(
                 f"fig09_trajectories_{cell.condition}",
                 "results",
-                lambda cell=cell: figures.trajectories(
-                    cell.tour_image, {name: cell.scored[name].tour_image for name in _SHOWN}, places
-                ),
+                partial(_trajectories, cell, places),
                 f"Trajectory of the unseen hand (Fig. 9): {_CONDITION_LABELS[cell.condition]}",
                 "The same motion, integrated from the mouth's true image.",
             )
@@ -316,6 +315,11 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
             f"{100 * fuke2007.FALSE_ALARMS:.0f} % false alarms.",
         ),
     ]
+
+
+def _trajectories(cell: Cell, places: Mapping[str, np.ndarray]) -> Figure:
+    """Fig. 9."""
+    return figures.trajectories(cell.tour_image, {name: cell.scored[name].tour_image for name in _SHOWN}, places)
 
 
 def _velocities(cells: Sequence[Cell]) -> Figure:

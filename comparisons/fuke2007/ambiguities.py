@@ -206,7 +206,7 @@ def dimensions(world: World, longer: Mapping[str, bk.Embodiment], duration: floa
     """An arm of other lengths."""
     found = {"the infant's arm": of_world(world)}
     for name, body in longer.items():
-        found[name] = of_world(World.record(body, world.seed, world.steps, duration))
+        found[name] = of_world(World.record(body, world.seed, world.steps, duration, dynamics=False))
     return found
 
 
@@ -305,11 +305,11 @@ def run(seeds: int, duration: float) -> dict[str, Any]:
         }
         for seed in range(seeds):
             worlds = {
-                "kinematic": World.record(body, seed, 200, duration),
+                "kinematic": World.record(body, seed, 200, duration, dynamics=False),
                 "noise": World.record(body, seed, 500, duration, **drag),
             }
             quiet = World.record(body, seed, 200, duration, dynamics=True)
-            settings: dict[str, dict[str, Any]] = {"kinematic": {}, "noise": drag}
+            settings: dict[str, dict[str, Any]] = {"kinematic": {"dynamics": False}, "noise": drag}
             for motion, world in worlds.items():
                 for ambiguity, (measures, readings) in {**NETWORKS, **MAPS}.items():
                     note(ambiguity, measures, motion, readings(world))

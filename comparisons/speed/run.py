@@ -13,9 +13,7 @@ from bodyimage_kin import bench
 
 def main() -> None:
     """Measures, and writes speed.md, speed.json, speed.svg and speed.png."""
-    settings = bench.Settings()
-    if "--quick" in sys.argv:
-        settings = bench.Settings(batches=(1, 100, 10_000), rounds=7, longest=2.0, stream=10_000_000)
+    settings = bench.QUICK if "--quick" in sys.argv else bench.Settings()
     result = bench.run(settings, report=lambda what: print(what, file=sys.stderr, flush=True))
     print(bench.write(result, Path(__file__).parent))
 

@@ -78,7 +78,7 @@ def test_the_tour_visits_the_landmarks_in_order(body, tour):
 
 
 def test_a_stroke_of_the_tour_has_a_minimum_jerk_profile(body):
-    rec = bk.simulate.face_tour(body, landmarks=["left_eye", "right_eye"], sampling=0.02)
+    rec = bk.simulate.face_tour(body, dynamics=False, landmarks=["left_eye", "right_eye"], sampling=0.02)
     steps = speeds(in_skin(body, rec), 0.02) * 0.02
     gone = np.concatenate([[0.0], np.cumsum(steps)])
     # 0.05 m/s in the mean, slow at both ends: 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985).
@@ -211,7 +211,7 @@ def test_shorter_trials_are_padded(body, monkeypatch):
     monkeypatch.setattr(
         paths, "circle", lambda body, rng, **kw: original(body, rng, **{**kw, "turns": kw["turns"] * next(lengths)})
     )
-    rec = bk.simulate.circle(body, trials=2, turns=0.5)
+    rec = bk.simulate.circle(body, dynamics=False, trials=2, turns=0.5)
     short = int(2 * 0.25 * 2 * np.pi * 0.05 / 0.05 / 0.1) + 1
     assert rec.sizes["time"] > short
     for name in ("q", "true_q", "hand_image", "true_hand_image", "true_hand_position"):
@@ -275,14 +275,14 @@ def test_settings_out_of_range_are_named(body, kind, settings, message):
 
 def test_an_unknown_landmark_is_named(body):
     with pytest.raises(UnknownName, match="no landmark 'noes'; did you mean 'nose'"):
-        bk.simulate.face_tour(body, landmarks=["noes", "mouth"])
+        bk.simulate.face_tour(body, dynamics=False, landmarks=["noes", "mouth"])
 
 
 def test_a_circle_out_of_reach_or_out_of_sight_is_refused(body):
     with pytest.raises(Unreachable):
-        bk.simulate.circle(body, radius=0.3, turns=0.25)
+        bk.simulate.circle(body, dynamics=False, radius=0.3, turns=0.25)
     with pytest.raises(InvalidConfig, match=r"the eye does not see the hand in .* samples of the circle"):
-        bk.simulate.circle(body, distance=0.0, turns=0.25)
+        bk.simulate.circle(body, dynamics=False, distance=0.0, turns=0.25)
 
 
 def test_a_touch_that_is_seen_is_refused(body):

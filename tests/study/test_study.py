@@ -24,7 +24,9 @@ def small(**changes):
     """A study that takes seconds."""
     asked = {
         "embodiments": {"infant": "infant"},
-        "recordings": {"still": {"circle": {"turns": 0.5}, "touch": {"duration": 5.0}, "tour": {"speed": 0.2}}},
+        "recordings": {
+            "still": {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 5.0}, "tour": {"speed": 0.2}}
+        },
         "estimators": {"flat": "LeastSquares", "paper": {"PaperMLP": {"steps": 20}}, "truth": "Analytic"},
         "seeds": 3,
         "block": 2,
@@ -94,7 +96,7 @@ def test_touch_and_tour_move_as_the_motion_that_is_learned_from():
         ({"recordings": {"a": {"circle": {"radios": 1.0}}}}, "did you mean 'radius'"),
         ({"recordings": {"a": {"touch": {}}}}, "learned from one motion"),
         ({"recordings": {"a": {"circle": {}, "touch": {"sampling": 0.2}}}}, "sampling"),
-        ({"recordings": {"a": {"circle": {"drag": {"stiffness": 9.0}}}}}, "dynamics=True"),
+        ({"recordings": {"a": {"circle": {"dynamics": False, "drag": {"stiffness": 9.0}}}}}, "dynamics=True"),
         ({"probes": {"a": "on_fase"}}, "no probe 'on_fase'"),
         ({"probes": {"a": {"joint_space": {"count": 0}}}}, "count=0"),
         ({"metrics": ["relative_eror"]}, "did you mean 'relative_error'"),
@@ -174,7 +176,7 @@ def test_seeds_differ_and_estimators_share_their_recordings(done):
     recording = read_recording(store / "recordings/infant/still/seed1_training.nc")
     assert recording.attrs["kind"] == "circle"
     again = bk.simulate.circle(
-        bk.load_embodiment("infant"), turns=0.5, seed=json.loads(recording.attrs["config"])["seed"]
+        bk.load_embodiment("infant"), turns=0.5, dynamics=False, seed=json.loads(recording.attrs["config"])["seed"]
     )
     np.testing.assert_array_equal(again["q"], recording["q"])
 

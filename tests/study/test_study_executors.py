@@ -21,7 +21,9 @@ def asked():
     odd = {way: odd_estimators.Odd(way) for way in WAYS}
     return Study(
         embodiments={"infant": "infant"},
-        recordings={"still": {"circle": {"turns": 0.5}, "touch": {"duration": 5.0}, "tour": {"speed": 0.2}}},
+        recordings={
+            "still": {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 5.0}, "tour": {"speed": 0.2}}
+        },
         estimators={**odd, "paper": {"PaperMLP": {"steps": 20}}},
         seeds=1,
         time_limit=6.0,

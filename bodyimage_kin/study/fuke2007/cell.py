@@ -58,8 +58,8 @@ class Cell:
     mapped: Mapping[str, Mapped]
     tour_time: Float[np.ndarray, "time"]
     tour_image: Float[np.ndarray, "time m"]
-    circle_position: Float[np.ndarray, "time 3"]
-    circle_q: Float[np.ndarray, "time p"]
+    circle_position: Float[np.ndarray, "circle 3"]
+    circle_q: Float[np.ndarray, "circle p"]
     distance: Mapping[str, np.ndarray]
     excitation: Float[np.ndarray, "p"]
     jacobian_change: float

@@ -79,7 +79,7 @@ class Mapped:
     spans: Float[np.ndarray, "snapshots m"]
     final: Mapping[str, Any]
     edge_correlation: float
-    posture_map: Float[np.ndarray, "rows columns m"]
+    posture_map: Float[np.ndarray, "8 8 m"]
     posture_scores: Mapping[str, Any]
 
 
