@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 # One math thread a process: results are the same to the bit, and processes do the rest.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: reproduce test test-all lint format clean
+.PHONY: reproduce test test-all lint format docs clean
 
 reproduce: $(READY)  ## the main job: reproduce the paper into $(OUT)
 	$(BIN)/bodyimage-kin reproduce --out $(OUT)
@@ -24,6 +24,9 @@ lint: $(READY)  ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+docs: $(READY)  ## the documentation into docs/_build/html, warnings as errors
+	$(BIN)/sphinx-build -E -W --keep-going -n -q docs docs/_build/html
+
 format: $(READY)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -33,5 +36,5 @@ clean:
 
 $(READY): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,docs]"
 	touch $@
