@@ -47,11 +47,19 @@ _ANGLES = st.one_of(
     st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi, -math.pi, 0.1, 1.5707963]), st.floats(-7.0, 7.0)
 )
 _SIGNED = st.sampled_from([0.0, 1.0, -1.0, 0.1, 3.0, -1e-6, 1e5])
+
+
+def _is_clear(axis: Vector) -> bool:
+    """Whether an axis is not so near to one of the frame's that pin 4.1.0 takes it for that one (within 1e-12)."""
+    longest = max(map(abs, axis))
+    return all(value == 0.0 or abs(value) > 5e-12 * longest for value in axis)
+
+
 _AXES: st.SearchStrategy[Vector] = st.one_of(
     st.sampled_from([(0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -2.0), (1.0, 1.0, 0.0)]),
     st.tuples(_SIGNED, _SIGNED, _SIGNED).filter(any),
     st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda axis: math.hypot(*axis) > 1e-3),
-)
+).filter(_is_clear)
 _MULTIPLIERS = st.one_of(st.sampled_from([None, -1.0, 2.0, 0.5, 0.0]), st.floats(-2.0, 2.0))
 _OFFSETS = st.one_of(st.sampled_from([None, 0.1, -math.pi / 2]), st.floats(-2.0, 2.0))
 _LIMITS = st.one_of(
@@ -177,7 +185,11 @@ def postures(robot: RobotSpec, *, within_limits: bool = False) -> st.SearchStrat
     Returns:
         Joint values in the order of ``robot.joint_names`` [rad or m].
     """
-    return st.tuples(*[_joint_values(joint, within_limits) for joint in robot.free_joints])
+    # A slide of a million metres, and a turn of a million behind it, would leave nothing to compare.
+    slides = {robot.follows(joint.name)[0] for joint in robot.joints if joint.kind == "prismatic"}
+    return st.tuples(
+        *[_joint_values(joint, within_limits, huge=joint.name not in slides) for joint in robot.free_joints]
+    )
 
 
 @st.composite
@@ -222,7 +234,7 @@ def _placed(items: Sequence[_Item], places: Sequence[int]) -> tuple[_Item, ...]:
     return tuple(item for _, item in sorted(zip(places, items, strict=True), key=lambda pair: pair[0]))
 
 
-def _joint_values(joint: JointSpec, within_limits: bool) -> st.SearchStrategy[float]:
+def _joint_values(joint: JointSpec, within_limits: bool, huge: bool) -> st.SearchStrategy[float]:
     lower, upper = joint.limits
     if math.isinf(lower):
         lower, upper = -math.pi, math.pi
@@ -233,7 +245,8 @@ def _joint_values(joint: JointSpec, within_limits: bool) -> st.SearchStrategy[fl
         quarter = math.pi / 2
         special = [0.0, quarter, -quarter, 2 * quarter, -2 * quarter, *limits]
         # Next to a singularity, where formulas divide by what is nearly zero; and where argument reduction is tested.
-        special += [1e-9, -1e-9, quarter - 1e-8, math.pi - 1e-8, 1e3, -1e6]
+        special += [1e-9, -1e-9, quarter - 1e-8, math.pi - 1e-8]
+        special += [1e3, -1e6] if huge else []
         widest = 2 * math.pi
     if within_limits:
         special, low, high = [value for value in special if lower <= value <= upper], lower, upper
