@@ -146,11 +146,11 @@ def _sentences(groups: Mapping[str, Sequence[Cell]], summary: Mapping[str, Any])
     rival = "more" if flat["displacement_error"] > net["displacement_error"] else "less"
     seen = fuke2007.power([cell.blindness for cell in groups[fuke2007.BLINDNESS] if cell.blindness is not None])
     half = fuke2007.DOSES["scale"].index(0.5)
-    blind = ", ".join(
-        f"{name} in {100 * seen['scale'][measure][half]:.0f} %"
+    noticed = ", ".join(
+        f"{name} notices {100 * seen['scale'][measure][half]:.0f} %"
         for measure, name in (
             ("velocity_correlation", "velocity correlation"),
-            ("topological_error", "topological error"),
+            ("topological_error", "the topological error"),
             ("trajectory_rmse", "the trajectory's position error"),
         )
     )
@@ -162,7 +162,7 @@ def _sentences(groups: Mapping[str, Sequence[Cell]], summary: Mapping[str, Any])
         f"But its displacements on the face are {100 * net['displacement_error']:.0f} % off, its map is "
         f"{size:.2f} times as large as the one that direct sight of the hand leads to, and one constant Jacobian by "
         f"least squares errs {rival} ({100 * flat['displacement_error']:.0f} %).",
-        f"{verdict}The paper's measures see little of it: of true Jacobians cut to half, {blind} of recordings.",
+        f"{verdict}Its measures hide what is wrong: of true Jacobians cut to half, {noticed}.",
     ]
 
 
