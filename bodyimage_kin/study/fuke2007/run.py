@@ -16,6 +16,7 @@ import numpy as np
 from bodyimage_kin._embodiment_file import load_embodiment
 from bodyimage_kin._files import write_text
 from bodyimage_kin.recordings.schema import versions
+from bodyimage_kin.study.fuke2007.blindness import DOSES, FALSE_ALARMS, power
 from bodyimage_kin.study.fuke2007.cell import Cell, run_cell
 from bodyimage_kin.study.fuke2007.claims import judge
 from bodyimage_kin.study.fuke2007.conditions import CONDITIONS, MOTIONS, PARTS, PROBES, Settings
@@ -83,7 +84,8 @@ def summarise(settings: Settings, cells: Sequence[Cell]) -> dict[str, Any]:
     ``attribution`` sum to its square on the face.
 
     Returns:
-        ``{"conditions": {condition: {estimator: scores}}, "claims": [...], "seeds": N, "versions": {...}}``.
+        ``{"conditions": {condition: {estimator: scores}}, "claims": [...], "blindness": {...}, "seeds": N,
+        "versions": {...}}``.
     """
     conditions: dict[str, Any] = {}
     for condition, group in by_condition(cells).items():
@@ -98,6 +100,12 @@ def summarise(settings: Settings, cells: Sequence[Cell]) -> dict[str, Any]:
     found = {
         "conditions": conditions,
         "claims": judge(by_condition(cells)),
+        "blindness": {
+            "false_alarms": FALSE_ALARMS,
+            "doses": {kind: list(doses) for kind, doses in DOSES.items()},
+            "power": power([cell.blindness for cell in cells if cell.blindness is not None]),
+            "permuted_topological_error": permuted_error(cells),
+        },
         "seeds": settings.seeds,
         "versions": versions(),
     }
