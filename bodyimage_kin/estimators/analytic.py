@@ -20,12 +20,12 @@ class AnalyticJacobian(LearnedJacobian):
     body: Embodiment
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.body.p
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.body.m
 

@@ -78,8 +78,16 @@ class LearnedJacobian(abc.ABC):
     """
 
     kind: ClassVar[str] = ""
-    p: int
-    m: int
+
+    @property
+    @abc.abstractmethod
+    def p(self) -> int:
+        """Number of felt joints."""
+
+    @property
+    @abc.abstractmethod
+    def m(self) -> int:
+        """Number of coordinates of a hand image."""
 
     def displacement(self, q: ArrayLike, dq: ArrayLike) -> Float[Tensor, "*batch m"]:
         """Predicted displacement of the hand image [m on the screen].

@@ -31,12 +31,12 @@ class EnsembleJacobian(LearnedJacobian):
     kind = "ensemble"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.members[0].p
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.members[0].m
 

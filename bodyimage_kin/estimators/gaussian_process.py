@@ -95,12 +95,12 @@ class TrigProcess(ImageProcess):
     kind = "trigonometric_process"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return len(self.basis.centre)
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.weights.shape[1]
 
@@ -166,12 +166,12 @@ class RadialProcess(ImageProcess):
     kind = "radial_process"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.q.shape[1]
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.image.shape[1]
 

@@ -27,12 +27,12 @@ class ConstantJacobian(LearnedJacobian):
     kind = "constant"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.matrix.shape[1]
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.matrix.shape[0]
 

@@ -43,12 +43,12 @@ class _Local(JacobianField):
     penalty: float
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.constant.shape[1]
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.constant.shape[0]
 

@@ -53,12 +53,12 @@ class PostureDisplacement(_Network):
     kind = "posture_displacement"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.layers[0].shape[1] // 2
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return len(self.layers[-1])
 
@@ -87,12 +87,12 @@ class NetworkJacobian(_Network, JacobianField):
     kind = "network_jacobian"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.layers[0].shape[1]
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return len(self.layers[-1]) // self.p
 
@@ -118,12 +118,12 @@ class NetworkImage(_Network, ImageModel):
     kind = "network_image"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.layers[0].shape[1]
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return len(self.layers[-1])
 

@@ -38,12 +38,12 @@ class CorruptedJacobian(JacobianField):
     null: Null
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.truth.p
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.truth.m
 

@@ -39,12 +39,12 @@ class DisplacementNetwork(LearnedJacobian):
     kind = "displacement_network"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.W1.shape[1]
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.W2.shape[0]
 

@@ -42,12 +42,12 @@ class CalibratedChain(ImageModel):
     kind = "calibrated_chain"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.chain.mix.shape[1]
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return 2
 

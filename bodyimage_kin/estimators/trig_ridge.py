@@ -33,12 +33,12 @@ class TrigImage(ImageModel):
     kind = "trigonometric_image"
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return len(self.basis.centre)
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.weights.shape[1]
 

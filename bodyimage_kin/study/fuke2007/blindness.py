@@ -74,12 +74,12 @@ class Corrupted(LearnedJacobian):
     corrupt: Callable[[Tensor], Tensor]
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return self.true.p
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return self.true.m
 
