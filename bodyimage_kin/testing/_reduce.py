@@ -40,6 +40,9 @@ def _smaller(case: Case) -> Iterator[Case]:
     for joint in robot.joints:
         if all(other.mimic != joint.name for other in robot.joints):
             yield _without(robot, joint, values, case.link)
+        elif joint.mimic is not None:
+            past = [_past(one, joint) if one.mimic == joint.name else one for one in robot.joints]
+            yield _without(replace(robot, joints=tuple(past)), joint, values, case.link)
     if any(values.values()):
         yield _case(robot, dict.fromkeys(values, 0.0), case.link)
     for name, value in values.items():
@@ -93,6 +96,14 @@ def _without(robot: RobotSpec, gone: JointSpec, values: Mapping[str, float], lin
         if joint is not gone
     )
     return _case(replace(robot, joints=tuple(joints)), values, gone.parent if link == gone.child else link)
+
+
+def _past(follower: JointSpec, followed: JointSpec) -> JointSpec:
+    """The follower tied to what the followed joint follows itself, its values unchanged."""
+    multiplier = 1.0 if follower.multiplier is None else follower.multiplier
+    onward = 1.0 if followed.multiplier is None else followed.multiplier
+    offset = (follower.offset or 0.0) + multiplier * (followed.offset or 0.0)
+    return replace(follower, mimic=followed.mimic, multiplier=multiplier * onward, offset=offset)
 
 
 def _plainly_named(robot: RobotSpec, values: Mapping[str, float], link: str) -> Case:

@@ -120,13 +120,14 @@ def test_pinocchio_crashes_on_the_jacobian_of_a_statue():
     assert in_a_process_of_its_own(textwrap.dedent(prepare) + textwrap.dedent(ask)) != 0
 
 
-def test_pinocchio_crashes_on_an_unknown_frame():
-    # Why names are checked before a backend hears of them.
+def test_pinocchio_does_not_refuse_an_unknown_frame():
+    # Why names are checked before a backend hears of them: it reads beyond its memory, which mostly, but not always,
+    # ends the interpreter. An exception, status 1, would mean that it checks the frame itself by now.
     status = in_a_process_of_its_own("""
         model = pin.buildModelFromXML(DOOR)
         pin.updateFramePlacement(model, model.createData(), model.getFrameId("no such frame"))
     """)
-    assert status < 0
+    assert status != 1
 
 
 # pytorch-kinematics ---------------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 
 import pytest
@@ -33,21 +32,23 @@ def test_every_engine_computes_the_same_thing() -> None:
 
 def test_turns_are_taken_and_short_work_is_repeated() -> None:
     calls: list[str] = []
+    now = 0.0
 
-    def busy() -> None:
-        calls.append("busy")
-        end = time.perf_counter() + 4e-3
-        while time.perf_counter() < end:
-            pass
+    def work(name: str, seconds: float) -> None:
+        nonlocal now
+        calls.append(name)
+        now += seconds
 
-    seconds = measure.turns({"busy": busy, "idle": lambda: calls.append("idle")}, 3, time.perf_counter)
-    assert min(seconds["busy"]) >= 4e-3
-    assert max(seconds["idle"]) < 1e-3
-    assert calls.count("busy") == 5
-    assert calls.count("idle") > 300
-    # The last turn of each follows a turn of the other.
+    long, short = 4 * measure._LEAST, measure._LEAST / 100
+    each = {"long": lambda: work("long", long), "short": lambda: work("short", short)}
+    seconds = measure.turns(each, 3, lambda: now)
+    assert seconds["long"] == pytest.approx([long] * 3)
+    assert seconds["short"] == pytest.approx([short] * 3)
+    # Twice to find out how long it takes, then once a turn, or as often as makes a turn long enough.
+    assert calls.count("long") == 2 + 3
+    assert calls.count("short") == pytest.approx(2 + 3 * 100, abs=3)
     rounds = [name for name, before in zip(calls[1:], calls, strict=False) if name != before]
-    assert rounds[-5:] == ["idle", "busy", "idle", "busy", "idle"]
+    assert rounds == ["short", "long", "short", "long", "short", "long", "short"]
 
 
 def test_a_run_is_written_as_tables_json_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

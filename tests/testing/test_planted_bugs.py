@@ -103,8 +103,10 @@ def test_every_planted_bug_is_found_on_a_small_robot(
     law, joints = FOUND_BY[bug]
     found = [case for case in drawn if still_broken(law, build, case)]
     assert found, f"none of {len(drawn)} cases shows it"
-    smallest = min(found, key=lambda case: len(case.robot.joints))
-    smallest = reduced(smallest, lambda case: still_broken(law, build, case))
+    # Where shrinking ends depends a little on where it begins.
+    begins = sorted(found, key=lambda case: len(case.robot.joints))[:5]
+    ends = [reduced(case, lambda case: still_broken(law, build, case)) for case in begins]
+    smallest = min(ends, key=lambda case: len(case.robot.joints))
     assert len(smallest.robot.joints) == joints, smallest.to_urdf()
 
 
