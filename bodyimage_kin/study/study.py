@@ -206,7 +206,7 @@ class Study:
         return self.gather(place.folder)
 
     def gather(self, store: str | Path) -> xr.Dataset:
-        """What a store holds of this study; missing cells count as failed (:data:`~bodyimage_kin.study.results.MISSING`).
+        """What a store holds of this study; cells that are missing count as failed.
 
         Raises:
             OutputRefused: As :meth:`run`.
