@@ -27,10 +27,7 @@ class PinocchioBackend:
         self, q: Float[torch.Tensor, "batch n"], link: str
     ) -> tuple[Float[torch.Tensor, "batch 4 4"], Float[torch.Tensor, "batch 6 n"]]:
         """See :meth:`Kinematics.pose_and_jacobian`."""
-        chain = self._chains.get(link)
-        if chain is None:
-            chain = self._chains[link] = _Chain(self.robot, link)
-        return chain.pose_and_jacobian(q)
+        return self._chain(link).pose_and_jacobian(q)
 
     def hessian(self, q: Float[torch.Tensor, "batch n"], link: str) -> Float[torch.Tensor, "batch 6 n n"]:
         """Pinocchio's own hessian, an independent check of the shared one: same layout and reference.
@@ -39,8 +36,13 @@ class PinocchioBackend:
             q: Postures (batch, n).
             link: A link of the robot.
         """
-        chain = self._chains.setdefault(link, _Chain(self.robot, link))
-        return chain.hessian(q)
+        return self._chain(link).hessian(q)
+
+    def _chain(self, link: str) -> _Chain:
+        """The chain to a link, built when it is first asked for."""
+        if link not in self._chains:
+            self._chains[link] = _Chain(self.robot, link)
+        return self._chains[link]
 
 
 class _Chain:

@@ -26,8 +26,6 @@ _SHOWN = ("paper_mlp", "least_squares", "analytic")
 _MAPPED = (*_SHOWN, DIRECT)
 _PAPER = tuple(condition.name for condition in CONDITIONS if condition.paper)
 """The paper's own two pairs of noise and steps: without noise, and with."""
-_CHANCE_TAXELS = 320.0
-"""Topological error of a random 21 x 21 map, about; drawn as a line of reference."""
 _CONDITION_LABELS = {
     "kinematic": "kinematic, 200 steps",
     "noise_free_200": "no noise, 200 steps",
@@ -259,7 +257,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
                 noisy.mapped[DIRECT].steps,
                 {name: [cell.mapped[name].topological_errors for cell in many] for name in _MAPPED},
                 spans={name: [cell.mapped[name].spans.mean(axis=-1) for cell in many] for name in _MAPPED},
-                chance=_CHANCE_TAXELS,
+                chance=fuke2007.permuted_error(groups[fuke2007.BLINDNESS]),
             ),
             "Topological error (Fig. 11), and the span it does not see",
             "Mean and standard deviation over recordings, with noise. A map that collapses to a point has no "
