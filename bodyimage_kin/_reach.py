@@ -8,6 +8,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from bodyimage_kin import _reach_kernels
+
 Forward = Callable[[Float[Tensor, "count p"]], tuple[Float[Tensor, "count 3"], Float[Tensor, "count 3 p"]]]
 
 TOLERANCE = 1e-9
@@ -85,27 +87,11 @@ def step(
         lower: Joint limits.
         upper: Joint limits.
     """
-    free = torch.ones_like(q, dtype=torch.bool)
-    for _ in range(q.shape[-1]):
-        change = _step(jacobian, error, pull, free)
-        held = free & (((q <= lower) & (change < 0)) | ((q >= upper) & (change > 0)))
-        if not bool(held.any()):
-            break
-        free &= ~held
+    result = torch.empty_like(q)
+    arrays = [tensor.contiguous().numpy() for tensor in (jacobian, error, pull, q, lower, upper)]
     # A long step leaves the region in which the linearised problem means anything.
-    length = torch.linalg.vector_norm(change, dim=-1, keepdim=True)
-    return (q + change * (_LONGEST / length).clamp(max=1.0)).clamp(lower, upper)
-
-
-def _step(jacobian: Tensor, error: Tensor, pull: Tensor, free: Tensor) -> Float[Tensor, "count p"]:
-    """The step of least displacement from ``pull`` that closes the error, moving free joints only."""
-    J = jacobian * free[..., None, :]
-    pull = pull * free
-    gram = J @ J.transpose(-1, -2)
-    scale = gram.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
-    damped = gram + _DAMPING**2 * (scale + 1e-30) * torch.eye(gram.shape[-1], dtype=gram.dtype)
-    wanted = error[..., None] - J @ pull[..., None]
-    return pull + (J.transpose(-1, -2) @ torch.linalg.solve(damped, wanted))[..., 0]
+    _reach_kernels.step(*arrays, _DAMPING, _LONGEST, result.numpy())
+    return result
 
 
 def _reached(forward: Forward, q: Tensor, targets: Tensor) -> Bool[Tensor, "count"]:

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from bodyimage_kin import _geometry, _reach
 from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures
+from bodyimage_kin._reach_kernels import point_in_frame
 from bodyimage_kin.backends import RobotKinematics, somebody_differentiates
 from bodyimage_kin.camera import Camera
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, NotVisible, UnknownName, Unreachable
@@ -265,15 +266,19 @@ class Embodiment:
     def hand_in_skin_and_jacobian(
         self, q: Float[Tensor, "*batch p"]
     ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3 p"]]:
-        """The hand's centre in the axes of the skin's link [m], and its derivative [m/rad]."""
-        hand, _, hand_jacobian = self._point(q, self.hand.link, self.hand.offset)
-        skin, skin_jacobian = self._pose_and_jacobian(q, self.skin.link)
-        link_R_root = skin[..., :3, :3].transpose(-1, -2)
-        away = hand - skin[..., :3, 3]
-        angular = skin_jacobian[..., 3:, :]
-        turned = torch.linalg.cross(away[..., None].expand_as(angular), angular, dim=-2)
-        moved = link_R_root @ (hand_jacobian[..., :3, :] - skin_jacobian[..., :3, :] + turned)
-        return (link_R_root @ away[..., None])[..., 0], moved
+        """The hand's centre in the axes of the skin's link [m], and its derivative [m/rad], without gradient."""
+        flat = q.detach().reshape(-1, self.p).to(torch.float64)
+        arrays = [
+            part.contiguous().numpy()
+            for part in (
+                *self._pose_and_jacobian(flat, self.hand.link),
+                self.hand.offset,
+                *self._pose_and_jacobian(flat, self.skin.link),
+            )
+        ]
+        position, jacobian = flat.new_empty(len(flat), 3), flat.new_empty(len(flat), 3, self.p)
+        point_in_frame(*arrays, position.numpy(), jacobian.numpy())
+        return position.reshape(*q.shape[:-1], 3), jacobian.reshape(*q.shape[:-1], 3, self.p)
 
     # Inner -----------------------------------------------------------------------------------------------------------
 

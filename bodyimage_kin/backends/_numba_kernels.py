@@ -11,20 +11,21 @@ of a million radians keeps all its digits. A prismatic joint turns by its phase 
 
 Postures are worked off in blocks of ``L`` lanes. Every quantity of a block is one row of ``L`` numbers in a flat
 scratch array, at a place known at compile time wherever possible: only then does LLVM turn the loops over lanes into
-vector instructions. Numba's disk cache notices changes of this file only, so the kernels read nothing from another.
+vector instructions.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar, no_type_check
+from typing import no_type_check
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
+
+from bodyimage_kin._compiled import compiled
 
 L = 32
 """Lanes, postures in a block: few enough for the scratch of a seven-joint arm to fit the first-level cache."""
@@ -61,19 +62,6 @@ _C4, _C5, _C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.1359
 TURN, OF_TURN, OF_ORIGIN, TORQUE, SUM, NONE, NOBODY, GRADIENT_SLOTS = 0, 9, 18, 21, 24, 27, 28, 29
 GRADIENT_SLOT, OF_ANGLE = 13, 12
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-
-
-def _compiled(function: _Function) -> _Function:
-    """The function, to be compiled at its first call; from numba's disk cache where there is one."""
-    # Contraction to fused multiply-add rounds less often; nothing is reassociated.
-    options: dict[str, Any] = {"nogil": True, "fastmath": {"contract"}, "error_model": "numpy"}
-    try:
-        return njit(cache=True, **options)(function)
-    except RuntimeError:  # numba finds no folder that it may write to
-        return njit(**options)(function)
-
-
 # no_type_check: a checker that wraps functions would hand numba the wrapper.
 
 
@@ -97,7 +85,7 @@ def _view(typing, array, start, size):
     return flat(array, types.intp, types.intp), generate
 
 
-@_compiled
+@compiled
 @no_type_check
 def _not_finite(q, first, count):
     """How many values of these postures are NaN or infinite."""
@@ -109,7 +97,7 @@ def _not_finite(q, first, count):
     return found
 
 
-@_compiled
+@compiled
 @no_type_check
 def _sines(s, sin_phase, cos_phase):
     """Rows SIN and COS: of the angle in row ANGLE [rad] plus the phase, to about one unit in the last place."""
@@ -142,7 +130,7 @@ def _sines(s, sin_phase, cos_phase):
                 s[COS * L + i] = b * cos_phase - a * sin_phase
 
 
-@_compiled
+@compiled
 @no_type_check
 def _step(s, c):
     """Turn the moving frame about z by rows SIN and COS, then translate and tilt it."""
@@ -162,7 +150,7 @@ def _step(s, c):
         s[11 * L + i] += tx * a2 + ty * b2 + tz * z2
 
 
-@_compiled
+@compiled
 @no_type_check
 def _run(q, first, count, constants, joints, scratch, slots):
     """Run along a chain: the moving frame ends at the link, every joint's axis and origin are in its slot."""
@@ -206,7 +194,7 @@ def _run(q, first, count, constants, joints, scratch, slots):
             s[5 * L + i] = cosine * y2 - sine * x2
 
 
-@_compiled
+@compiled
 @no_type_check
 def _column(s, v, prismatic):
     """A slot's axis and origin become the joint's angular and linear column, for the origin of the moving frame."""
@@ -223,7 +211,7 @@ def _column(s, v, prismatic):
             v[5 * L + i] = z0 * d1 - z1 * d0
 
 
-@_compiled
+@compiled
 @no_type_check
 def _fold(scratch, slots, j, into, multiplier, rows):
     """Scale the first rows of a slot, and add them to another slot's when the joint moves with that one."""
@@ -290,7 +278,7 @@ def _moves_8x8(into_scratch):
 _write_8x8, _read_8x8 = _moves_8x8(into_scratch=False), _moves_8x8(into_scratch=True)
 
 
-@_compiled
+@compiled
 @no_type_check
 def _write(scratch, rows, target, first, count):
     """Each lane of the scratch rows that begin at rows[...] -> what belongs to posture first + lane in the target."""
@@ -309,7 +297,7 @@ def _write(scratch, rows, target, first, count):
             flat[(first + lane) * size + row] = scratch[rows[row] + lane]
 
 
-@_compiled
+@compiled
 @no_type_check
 def _read(scratch, rows, source, first, count):
     """The way back of :func:`_write`; several of the rows may be one, for what nobody needs."""
@@ -327,7 +315,7 @@ def _read(scratch, rows, source, first, count):
             scratch[rows[row] + lane] = flat[(first + lane) * size + row]
 
 
-@_compiled
+@compiled
 @no_type_check
 def _scratch(rows):
     """Rows of zeros (row ONE of ones) from a multiple of 64 bytes on: vectors across cache lines cost twice."""
@@ -338,7 +326,7 @@ def _scratch(rows):
     return scratch
 
 
-@_compiled
+@compiled
 @no_type_check
 def pose_and_jacobian(q, constants, joints, pose_rows, jacobian_rows, pose, jacobian):
     """Pose (B, 4, 4) and Jacobian (B, 6, n) of a chain's end, written; float64, C-contiguous, nothing is checked.
@@ -360,7 +348,7 @@ def pose_and_jacobian(q, constants, joints, pose_rows, jacobian_rows, pose, jaco
     )
 
 
-@_compiled
+@compiled
 @no_type_check
 def _pose_blocks(q, constants, joints, pose_rows, jacobian_rows, pose, jacobian, scratch):
     """A function of its own, as the caller keeps the scratch alive while views of it are used."""
@@ -378,7 +366,7 @@ def _pose_blocks(q, constants, joints, pose_rows, jacobian_rows, pose, jacobian,
     return not_finite
 
 
-@_compiled
+@compiled
 @no_type_check
 def _project(s, screen_distance):
     """From the hand (moving frame) and the camera's frame: the image, the depth, the image's derivative by the hand."""
@@ -403,7 +391,7 @@ def _project(s, screen_distance):
         s[36 * L + i], s[37 * L + i], s[38 * L + i] = screen_distance * x, screen_distance * y, depth
 
 
-@_compiled
+@compiled
 @no_type_check
 def _image_column(s, v):
     """The linear column of a slot, as the image shows it, into the slot's first two rows."""
@@ -413,7 +401,7 @@ def _image_column(s, v):
         v[L + i] = s[33 * L + i] * v0 + s[34 * L + i] * v1 + s[35 * L + i] * v2
 
 
-@_compiled
+@compiled
 @no_type_check
 def image_and_jacobian(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian):
     """Image (B, 2) and depth (B,) of the hand, and the image's Jacobian (B, 2, p), written; nothing is checked.
@@ -439,7 +427,7 @@ def image_and_jacobian(q, hand, camera, joints, screen_distance, jacobian_rows, 
     return _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian, scratch)
 
 
-@_compiled
+@compiled
 @no_type_check
 def _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian, scratch):
     """As :func:`_pose_blocks`."""
@@ -467,7 +455,7 @@ def _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image
     return not_finite
 
 
-@_compiled
+@compiled
 @no_type_check
 def gradient(pose, jacobian, of_pose, of_jacobian, pose_rows, of_pose_rows, jacobian_rows, result_rows, count, result):
     """What a gradient of pose and Jacobian makes of q (B, n), written; float64, C-contiguous, nothing is checked.
@@ -501,7 +489,7 @@ def gradient(pose, jacobian, of_pose, of_jacobian, pose_rows, of_pose_rows, jaco
     )
 
 
-@_compiled
+@compiled
 @no_type_check
 def _gradient_blocks(
     pose, jacobian, of_pose, of_jacobian, pose_rows, of_pose_rows, jacobian_rows, result_rows, joints, result, scratch
@@ -550,7 +538,7 @@ def _gradient_blocks(
         _write(scratch, result_rows, result, first, count)
 
 
-@_compiled
+@compiled
 @no_type_check
 def _add_cross(total, a, b):
     """Total += a x b, three rows each."""
@@ -561,7 +549,7 @@ def _add_cross(total, a, b):
         total[2 * L + i] += a0 * b1 - a1 * b0
 
 
-@_compiled
+@compiled
 @no_type_check
 def _set_dot(total, a, b):
     """Total = a . b, of three rows each."""
@@ -569,7 +557,7 @@ def _set_dot(total, a, b):
         total[i] = a[i] * b[i] + a[L + i] * b[L + i] + a[2 * L + i] * b[2 * L + i]
 
 
-@_compiled
+@compiled
 @no_type_check
 def _add_dot(total, a, b):
     """Total += a . b."""

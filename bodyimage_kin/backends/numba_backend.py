@@ -8,7 +8,6 @@ to, each process compiles anew.
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -16,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Float, Float64, Int64
-from numba.core import event
 from torch import Tensor
 
 from bodyimage_kin._arrays import refuse_not_finite
@@ -27,24 +25,6 @@ from bodyimage_kin.backends._protocol import Abilities
 from bodyimage_kin.backends.torch_backend import TorchBackend
 from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotDifferentiable
 from bodyimage_kin.robot import Robot
-
-
-class _SayCompiling(event.Listener):
-    """Tells the user once what takes so long; kernels that are found in the cache are not compiled."""
-
-    said = False
-
-    def on_start(self, event: event.Event) -> None:
-        dispatcher = event.data["dispatcher"]
-        if not _SayCompiling.said and dispatcher.py_func.__module__ == kernels.__name__:
-            _SayCompiling.said = True
-            print("bodyimage_kin: compiling kinematics for this processor, once; some ten seconds", file=sys.stderr)
-
-    def on_end(self, event: event.Event) -> None:
-        pass
-
-
-event.register("numba:compile", _SayCompiling())  # type: ignore[no-untyped-call]
 
 _POSTURES_A_THREAD = 8192
 """Starting a thread costs as much time as some two thousand postures."""

@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin.body_image._checks import choice, float_array, grid_shape, number, whole
+from bodyimage_kin.body_image._learning import learn
 from bodyimage_kin.body_image._touches import image_bounds, images_known, silent, touches
-from bodyimage_kin.body_image.kernel import KERNELS, exponents, window
+from bodyimage_kin.body_image.kernel import KERNELS, exponents
 from bodyimage_kin.body_image.posture_som import PostureSOM
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 
@@ -208,34 +209,12 @@ def _learn_map(
 
     ``table`` holds the kernel's exponents over grid offsets at gamma = 1; units not ``speaking`` do not learn.
     """
-    rows, columns, m = initial.shape
-    # The coordinates come first, so that one kernel window broadcasts over contiguous memory.
+    # The coordinates come first: the kernel runs over contiguous memory.
     weights = np.ascontiguousarray(np.moveaxis(initial, -1, 0))
-    pull, change = np.empty((rows, columns)), np.empty_like(weights)
-    history = np.empty((len(snapshots), rows, columns, m))
-    annealed = bool((gammas != gammas[0]).any())
-    if not annealed:
-        table = np.exp(table / gammas[0])
-    windows = [window((rows, columns), *divmod(unit, columns)) for unit in range(rows * columns)]
-    columns_of_targets = targets[:, :, None, None]
-    winner_list, rate_list, gamma_list = winners.tolist(), rates.tolist(), gammas.tolist()
-    done = 0
-    for index, stop in enumerate(snapshots):
-        for step in range(done, stop):
-            if winner_list[step] < 0:
-                continue
-            around = table[windows[winner_list[step]]]
-            if annealed:
-                np.divide(around, gamma_list[step], out=pull)
-                np.exp(pull, out=pull)
-                pull *= rate_list[step]
-            else:
-                np.multiply(around, rate_list[step], out=pull)
-            if speaking is not None:
-                pull *= speaking[step]
-            np.subtract(columns_of_targets[step], weights, out=change)
-            change *= pull
-            weights += change
-        history[index] = np.moveaxis(weights, 0, -1)
-        done = stop
+    history = np.empty((len(snapshots), *initial.shape))
+    everybody = np.empty((0, *initial.shape[:2]), dtype=bool)
+    learn(
+        weights, winners, targets, rates, gammas, table, np.empty_like(table), np.empty(initial.shape[1]),
+        everybody if speaking is None else speaking, np.array(snapshots), history,
+    )  # fmt: skip
     return history

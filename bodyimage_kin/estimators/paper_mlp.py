@@ -7,15 +7,18 @@ rate 0.2, 200 steps (500 with noise). The posture is no input.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import torch
 import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, is_count, pairs, require
+from bodyimage_kin._compiled import in_threads
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many, is_count, pairs, require
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,42 +82,123 @@ class DisplacementNetwork(LearnedJacobian):
 
 @dataclass(frozen=True)
 class PaperMLP(Estimator):
-    """The paper's network (equation 1), trained by full-batch gradient descent.
+    """The paper's network (equation 1), trained by gradient descent: all steps of the experience at once, or online.
 
     Inputs and outputs are divided by their standard deviation over the experience; the loss is half the squared error,
-    summed over outputs and averaged over steps; weights and biases start uniform in +-1/sqrt(fan in).
+    summed over outputs and averaged over samples; weights and biases start uniform in +-1/sqrt(fan in).
 
     Attributes:
         hidden: Number of tanh units.
         learning_rate: Of gradient descent, on scaled inputs and outputs.
-        steps: Number of descent steps.
+        steps: Number of descent steps; with online updates, of passes through the experience.
+        online: Back-propagate after each sample, in their order in time, rather than over all of them at once. The
+            paper does not say which it did.
     """
 
     hidden: int = 10
     learning_rate: float = 0.2
     steps: int = 200
+    online: bool = False
 
     def __post_init__(self) -> None:
         require(is_count(self.hidden, 1), "hidden", self.hidden, "a positive whole number")
         require(0 < self.learning_rate < math.inf, "learning_rate", self.learning_rate, "a positive number")
         require(is_count(self.steps, 0), "steps", self.steps, "a whole number of at least 0")
+        require(isinstance(self.online, bool), "online", self.online, "true or false")
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> DisplacementNetwork:
         """Learns from an experience; the seed draws the first weights. See :meth:`Estimator.fit`."""
+        return self._train([_Scaled.of(exp)], [seed])[0]
+
+    def fit_many(self, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[LearnedJacobian]:
+        """Learns from several experiences side by side. See :meth:`Estimator.fit_many`."""
+        check_many(experiences, seeds)
+        data = [_Scaled.of(exp) for exp in experiences]
+        alike: dict[tuple[int, int], list[int]] = {}
+        for index, one in enumerate(data):
+            alike.setdefault((len(one.x), len(one.y)), []).append(index)
+        learned: dict[int, LearnedJacobian] = {}
+        for chosen in alike.values():
+            networks = self._train([data[index] for index in chosen], [seeds[index] for index in chosen])
+            learned |= zip(chosen, networks, strict=True)
+        return [learned[index] for index in range(len(data))]
+
+    def _train(self, data: Sequence[_Scaled], seeds: Sequence[int]) -> list[DisplacementNetwork]:
+        """Networks of one size, each from its own data."""
+        first = [
+            _first_weights(len(one.x), self.hidden, len(one.y), seed) for one, seed in zip(data, seeds, strict=True)
+        ]
+        descend = _descend_online if self.online else _descend
+        trained = descend(data, first, self.learning_rate, self.steps)
+        return [one.in_units(*weights) for one, weights in zip(data, trained, strict=True)]
+
+
+_Weights: TypeAlias = tuple[Tensor, Tensor, Tensor, Tensor]
+"""W1 (hidden, p), b1 (hidden,), W2 (m, hidden), b2 (m,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Scaled:
+    """Displacements over their spread; samples last, so that arithmetic runs along them."""
+
+    x: Float[Tensor, "p samples"]
+    y: Float[Tensor, "m samples"]
+    in_scale: Float[Tensor, "p"]
+    out_scale: Float[Tensor, "m"]
+
+    @classmethod
+    def of(cls, exp: xr.Dataset) -> _Scaled:
         data = pairs(exp)
         in_scale, out_scale = _spread(data.dq), _spread(data.dr)
-        x, y = data.dq / in_scale, data.dr / out_scale
-        W1, b1, W2, b2 = _first_weights(x.shape[1], self.hidden, y.shape[1], seed)
-        for _ in range(self.steps):
-            # Back-propagation written out: with ten units, autograd's bookkeeping costs more than the arithmetic.
-            hidden = torch.tanh(x @ W1.T + b1)
-            error = (hidden @ W2.T + b2 - y) / len(x)
-            back = (error @ W2) * (1.0 - hidden**2)
-            W2 = W2 - self.learning_rate * error.T @ hidden
-            b2 = b2 - self.learning_rate * error.sum(0)
-            W1 = W1 - self.learning_rate * back.T @ x
-            b1 = b1 - self.learning_rate * back.sum(0)
-        return DisplacementNetwork(W1 / in_scale, b1, W2 * out_scale[:, None], b2 * out_scale)
+        return cls((data.dq / in_scale).T, (data.dr / out_scale).T, in_scale, out_scale)
+
+    def in_units(self, W1: Tensor, b1: Tensor, W2: Tensor, b2: Tensor) -> DisplacementNetwork:
+        """The network, in the units of displacements."""
+        return DisplacementNetwork(W1 / self.in_scale, b1, W2 * self.out_scale[:, None], b2 * self.out_scale)
+
+
+def _descend(data: Sequence[_Scaled], first: Sequence[_Weights], rate: float, steps: int) -> Iterator[_Weights]:
+    """Full-batch gradient descent of several networks at once."""
+    W1, b1, W2, b2 = (torch.stack(alike) for alike in zip(*first, strict=True))
+    b1, b2 = b1[..., None], b2[..., None]
+    # Shorter experiences are filled up with samples of no weight.
+    x, y = (pad_sequence([part(one).T for one in data], batch_first=True).mT for part in (_inputs, _outputs))
+    x, y, samples = x.contiguous(), y.contiguous(), x.mT.contiguous()
+    weight = pad_sequence([one.x.new_full((one.x.shape[1],), 1 / one.x.shape[1]) for one in data], batch_first=True)
+    weight = weight[:, None, :]
+    for _ in range(steps):
+        # Back-propagation written out: with ten units, autograd's bookkeeping costs more than the arithmetic.
+        hidden = torch.baddbmm(b1, W1, x).tanh_()
+        error = torch.baddbmm(b2, W2, hidden).sub_(y).mul_(weight)
+        back = torch.bmm(W2.mT, error)
+        back.addcmul_(back * hidden, hidden, value=-1.0)
+        W2 = W2 - rate * torch.bmm(error, hidden.mT)
+        b2 = b2 - rate * error.sum(-1, keepdim=True)
+        W1 = W1 - rate * torch.bmm(back, samples)
+        b1 = b1 - rate * back.sum(-1, keepdim=True)
+    yield from zip(W1, b1[..., 0], W2, b2[..., 0], strict=True)
+
+
+def _inputs(data: _Scaled) -> Tensor:
+    return data.x
+
+
+def _outputs(data: _Scaled) -> Tensor:
+    return data.y
+
+
+def _descend_online(data: Sequence[_Scaled], first: Sequence[_Weights], rate: float, steps: int) -> Iterator[_Weights]:
+    """Gradient descent after each sample, of several networks at once."""
+    from bodyimage_kin.estimators._online_descent import descend
+
+    def one(given: tuple[_Scaled, _Weights]) -> _Weights:
+        scaled, weights = given
+        arrays = [weight.numpy().copy() for weight in weights]
+        descend(scaled.x.T.contiguous().numpy(), scaled.y.T.contiguous().numpy(), *arrays, rate, steps)
+        W1, b1, W2, b2 = map(torch.from_numpy, arrays)
+        return W1, b1, W2, b2
+
+    return in_threads(one, list(zip(data, first, strict=True)))
 
 
 def _spread(values: Float[Tensor, "steps d"]) -> Float[Tensor, "d"]:
@@ -123,10 +207,10 @@ def _spread(values: Float[Tensor, "steps d"]) -> Float[Tensor, "d"]:
     return torch.where(spread > 0, spread, 1.0)
 
 
-def _first_weights(p: int, hidden: int, m: int, seed: int) -> list[Tensor]:
+def _first_weights(p: int, hidden: int, m: int, seed: int) -> _Weights:
     generator = torch.Generator().manual_seed(seed)
 
     def uniform(shape: tuple[int, ...], fan_in: int) -> Tensor:
         return (2 * torch.rand(shape, generator=generator, dtype=torch.float64) - 1) / fan_in**0.5
 
-    return [uniform((hidden, p), p), uniform((hidden,), p), uniform((m, hidden), hidden), uniform((m,), hidden)]
+    return uniform((hidden, p), p), uniform((hidden,), p), uniform((m, hidden), hidden), uniform((m,), hidden)

@@ -122,3 +122,33 @@ def test_a_joint_that_never_moves_spoils_nothing():
 def test_settings_out_of_range_are_named(settings, message):
     with pytest.raises(InvalidConfig, match=message):
         PaperMLP(**settings)
+
+
+def test_networks_learn_side_by_side_what_each_learns_alone(exp):
+    shorter = exp.isel(time=slice(0, 100))
+    spec = PaperMLP(steps=30)
+    together = spec.fit_many([exp, shorter, exp], [0, 1, 2])
+    for learned, given, seed in zip(together, [exp, shorter, exp], [0, 1, 2], strict=True):
+        alone = spec.fit(given, seed)
+        for name, weights in alone.arrays().items():
+            torch.testing.assert_close(learned.arrays()[name], weights, atol=1e-12, rtol=1e-12)
+
+
+def test_online_updates_are_gradient_descent_after_each_sample(exp):
+    few = exp.isel(time=slice(0, 12))
+    data = pairs(few)
+    x_scale, y_scale = map(torch.from_numpy, scales(data))
+    weights = [w.clone() for w in scaled_weights(PaperMLP(steps=0).fit(few, seed=4), data)]
+    for _ in range(3):
+        for x, y in zip(data.dq / x_scale, data.dr / y_scale, strict=True):
+            for w in weights:
+                w.requires_grad_()
+            W1, b1, W2, b2 = weights
+            loss = 0.5 * ((W2 @ torch.tanh(W1 @ x + b1) + b2 - y) ** 2).sum()
+            gradients = torch.autograd.grad(loss, weights)
+            weights = [(w - 0.05 * g).detach() for w, g in zip(weights, gradients, strict=True)]
+    spec = PaperMLP(steps=3, learning_rate=0.05, online=True)
+    learned = scaled_weights(spec.fit(few, seed=4), data)
+    for actual, expected in zip(learned, weights, strict=True):
+        torch.testing.assert_close(actual, expected, atol=1e-12, rtol=0)
+    assert torch.equal(spec.fit_many([few, few], [1, 4])[1].W1, spec.fit(few, seed=4).W1)
