@@ -37,3 +37,32 @@ class Plain:
 
     def fit(self, exp, seed=0):
         return LeastSquares(scale=self.scale).fit(exp, seed)
+
+
+class Seer:
+    """Knows the true displacement of the hand image, however long the step: integrated, it is direct sight."""
+
+    def __init__(self, body):
+        self.body = body
+
+    def fit(self, exp, seed=0):
+        return self
+
+    def displacement(self, q, dq):
+        return self.body.hand_image(q + dq) - self.body.hand_image(q)
+
+    def jacobian(self, q):
+        return self.body.hand_image_jacobian(q)
+
+
+class Explosive:
+    """Finite in every answer, but not in their sum."""
+
+    def fit(self, exp, seed=0):
+        return self
+
+    def displacement(self, q, dq):
+        return torch.full((len(q), 2), 1e308, dtype=torch.float64)
+
+    def jacobian(self, q):
+        return torch.zeros(len(q), 2, q.shape[-1], dtype=torch.float64)

@@ -20,22 +20,18 @@ from jaxtyping import Float
 
 from bodyimage_kin import metrics
 from bodyimage_kin._embodiment_file import load_embodiment
-from bodyimage_kin.body_image import integrate
 from bodyimage_kin.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import experience, simulate
-from bodyimage_kin.study import probes
+from bodyimage_kin.study import maps, probes, scoring
 from bodyimage_kin.study.scores import PARTS, SCORES
+from bodyimage_kin.study.scoring import WrongResult
 from bodyimage_kin.study.specs import Table, build_estimator, motion_arguments
 
 _AXES = ["x", "y"]
 """Of the hand image, as recordings name them."""
 _ORACLE_SAMPLE = 64
 """Postures at which another backend's truth is held against Pinocchio's."""
-
-
-class WrongResult(Exception):
-    """What an estimator returned is no learned Jacobian of finite values."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +49,7 @@ class Ground:
         entropy: Of the study's random streams.
         excitation_cut: A direction counts as excited from this on.
         per_posture: Whether scores of each posture are kept.
+        first_maps: Number of first maps that each recording is tried with; 0: no maps are learned.
     """
 
     embodiment: str
@@ -65,6 +62,12 @@ class Ground:
     entropy: int
     excitation_cut: float
     per_posture: bool
+    first_maps: int = 0
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """Of the recordings that cells need: touches only where there are maps to learn."""
+        return ("training", "touch", "tour") if self.first_maps else ("training", "tour")
 
     @property
     def motion(self) -> str:
@@ -79,7 +82,7 @@ class Scene:
     Attributes:
         recordings: ``"training"``, ``"touch"`` and ``"tour"`` -> one recording a seed.
         facts: Dims (seed, probe, posture, direction, joint): ``metric``, ``excitation``, ``mahalanobis_distance``,
-            ``hand_distance``, ``max_oracle_difference``.
+            ``hand_distance``, ``max_oracle_difference``; with maps, those of :func:`maps.direct_facts`.
     """
 
     recordings: Mapping[str, Sequence[xr.Dataset]]
@@ -115,7 +118,7 @@ def run_cell(ground: Ground, scene: Scene, name: str, table: Table, keep: Sequen
 
     Args:
         ground: Of the cell.
-        scene: Its recordings (touches are not needed) and facts.
+        scene: Its recordings, those of the ground's ``roles``, and facts.
         name: The estimator's name in the study.
         table: Its table.
         keep: Names of the scores to keep.
@@ -134,7 +137,17 @@ def run_cell(ground: Ground, scene: Scene, name: str, table: Table, keep: Sequen
     found = []
     for index, learned in enumerate(all_learned):
         try:
-            values = _score(ground, body, scene, index, learned)
+            values = scoring.score(
+                body,
+                {role: scene.recordings[role][index] for role in ground.roles},
+                scene.facts.isel(seed=index),
+                learned,
+                ground.probes,
+                excitation_cut=ground.excitation_cut,
+                per_posture=ground.per_posture,
+                map_seeds=_map_seeds(ground, ground.seeds[index])[1:] if ground.first_maps else (),
+                keep=keep,
+            )
             values["fit_seconds"] = np.float64(seconds)
             found.append(_dataset(ground, values, keep))
         except (Exception, SystemExit) as problem:
@@ -199,8 +212,18 @@ def _simulate(ground: Ground, body: Embodiment) -> Scene:
         )
         for index, (role, kind) in enumerate(kinds.items())
     }
-    facts = [_facts(ground, body, *one) for one in zip(recordings["training"], recordings["touch"], strict=True)]
+    facts = []
+    for seed, training, touch in zip(ground.seeds, recordings["training"], recordings["touch"], strict=True):
+        facts.append(_facts(ground, body, training, touch))
+        if ground.first_maps:
+            facts[-1] = facts[-1].merge(maps.direct_facts(body, training, touch, _map_seeds(ground, seed)))
     return Scene(recordings, stack(facts, ground.seeds))
+
+
+def _map_seeds(ground: Ground, seed: int) -> list[int]:
+    """Seeds of the posture map, then of each of the first maps: the same for every estimator."""
+    # No estimator has a space in its name.
+    return stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}/first maps", 1 + ground.first_maps)
 
 
 def _facts(ground: Ground, body: Embodiment, training: xr.Dataset, touch: xr.Dataset) -> xr.Dataset:
@@ -259,84 +282,6 @@ def _fit(ground: Ground, scene: Scene, name: str, spec: Any) -> list[Any]:
     return learned
 
 
-def _score(ground: Ground, body: Embodiment, scene: Scene, index: int, learned: Any) -> dict[str, Any]:
-    """Every score of one learned Jacobian, without the dimension ``seed``."""
-    facts = scene.facts.isel(seed=index)
-    training, tour = (scene.recordings[role][index] for role in ("training", "tour"))
-    found = _on_tour(body, tour, learned)
-    W = facts["metric"].values
-    cut = ground.excitation_cut
-    P = metrics.Excitation(facts["excitation"].values, facts["excited_motion"].values, W, cut).projector()
-    rows: dict[str, list[Any]] = {}
-    for probe, q in probes.probe_postures(body, training, ground.probes).items():
-        with torch.no_grad():
-            J = body.hand_image_jacobian(q).numpy()
-        Jh = _checked(f"jacobian at probe '{probe}'", learned.jacobian(q), J.shape)
-        for score, value in _at_probe(J, Jh, W, P, ground.per_posture).items():
-            rows.setdefault(score, []).append(value)
-    for score, values in rows.items():
-        by_posture = "posture" in SCORES[score].dims
-        found[score] = probes.by_posture(values) if by_posture else np.array(values)
-    return found
-
-
-def _at_probe(
-    J: Float[np.ndarray, "postures m p"],
-    Jh: Float[np.ndarray, "postures m p"],
-    W: Float[np.ndarray, "p p"],
-    P: Float[np.ndarray, "p p"],
-    per_posture: bool,
-) -> dict[str, Any]:
-    parts = metrics.attribute(J, Jh, W, P)
-    found: dict[str, Any] = {
-        "relative_error": metrics.pooled_relative_error(J, Jh),
-        "relative_error_use": metrics.pooled_relative_error(J, Jh, W),
-        "scale_free_error": metrics.pooled_scale_free_error(J, Jh, W),
-        "attribution": [getattr(parts, part) for part in PARTS],
-        "scale": parts.scale,
-    }
-    if per_posture:
-        found["relative_error_by_posture"] = metrics.relative_error(J, Jh, W)
-        found["scale_free_error_by_posture"] = metrics.scale_free_error(J, Jh, W)
-        found["critical_gain_by_posture"] = metrics.critical_gain(metrics.servo_matrix(J, Jh))
-        size = np.einsum("nij,jk,nik->n", J, W, J).mean()
-        residual = parts.scale * Jh - J
-        residual = residual - residual.mean(0)
-        found["depth_by_posture"] = (1 - parts.scale) ** 2 * np.einsum("nij,jk,nik->n", Jh, W, Jh) / size
-        found["variation_by_posture"] = np.einsum("nij,jk,nik->n", residual, W, residual) / size
-    return found
-
-
-def _on_tour(body: Embodiment, tour: xr.Dataset, learned: Any) -> dict[str, Any]:
-    """Scores of the displacements on the tour, and of the path that they sum to."""
-    q, image = tour["true_q"].values, tour["true_hand_image"].values
-    there = np.isfinite(q[:, :-1]).all(-1) & np.isfinite(q[:, 1:]).all(-1)
-    before, dq = torch.from_numpy(q[:, :-1][there]), torch.from_numpy(np.diff(q, axis=1)[there])
-    with torch.no_grad():
-        linear = (body.hand_image_jacobian(before) @ dq[..., None])[..., 0].numpy()
-    foreseen = _checked("displacement on the tour", learned.displacement(before, dq), linear.shape)
-    with torch.no_grad():
-        path = integrate(experience(tour), learned, reset="none", initial=image[:, 0]).values
-    velocity, estimated = np.diff(image, axis=1), np.diff(path, axis=1)
-    return {
-        "displacement_error": metrics.displacement_error(foreseen, linear),
-        "velocity_correlation": metrics.velocity_correlation(velocity, estimated),
-        "velocity_nrmse": metrics.velocity_nrmse(velocity, estimated),
-        "trajectory_rmse": metrics.trajectory_rmse(image, path),
-    }
-
-
-def _checked(what: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """What an estimator answers, once its shape and values are known to be right."""
-    values = np.asarray(value.detach() if hasattr(value, "detach") else value, dtype=np.float64)
-    if values.shape != shape:
-        raise WrongResult(f"{what} has shape {values.shape}; it must be {shape}")
-    wrong = int((~np.isfinite(values).reshape(len(values), -1).all(1)).sum())
-    if wrong:
-        raise WrongResult(f"{what} is not finite in {wrong} of {len(values)} postures")
-    return values
-
-
 def _steps(recording: xr.Dataset) -> Float[np.ndarray, "steps p"]:
     """True displacements of the joints in one sampling step."""
     steps = np.diff(recording["true_q"].values, axis=1)
@@ -365,6 +310,6 @@ def _nothing(ground: Ground, keep: Sequence[str], failure: str) -> xr.Dataset:
     values = {
         score: np.full([sizes[dim] for dim in SCORES[score].dims], np.nan)
         for score in keep
-        if ground.per_posture or "posture" not in SCORES[score].dims
+        if ground.per_posture or SCORES[score].optional or "posture" not in SCORES[score].dims
     }
     return _dataset(ground, values, keep, failure)

@@ -6,7 +6,7 @@ touched, the whole joint space.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -23,6 +23,8 @@ from bodyimage_kin.study.specs import Table
 
 _DRAWS = 100
 """Postures that are drawn at most for each one wanted."""
+_CHUNK = 50_000
+"""Postures worked on at once: bounds the memory of wide probes."""
 
 
 def probe_postures(
@@ -75,8 +77,7 @@ def distances(
     mean, covariance = seen.mean(0), np.atleast_2d(np.cov(seen.T, bias=True))
     covariance += 1e-6 * np.trace(covariance) / len(covariance) * np.eye(len(covariance))
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), (postures - mean).T)
-    with torch.no_grad():
-        places, here = (body.hand_position(torch.from_numpy(one)).numpy() for one in (seen, postures))
+    places, here = (_in_chunks(body.hand_position, torch.from_numpy(one)).numpy() for one in (seen, postures))
     return np.linalg.norm(whitened, axis=0), np.asarray(scipy.spatial.KDTree(places).query(here)[0])
 
 
@@ -98,15 +99,25 @@ def _face(body: Embodiment, distance: float) -> Float[Tensor, "postures p"]:
 @lru_cache(maxsize=8)
 def _joint_space(body: Embodiment, count: int, seed: int) -> Float[Tensor, "postures p"]:
     """Uniform within the limits; postures whose hand is nearer than the near plane, or behind, are drawn again."""
-    drawn = body.felt_robot.sample(count * _DRAWS, seed=seed)
-    with torch.no_grad():
-        seen = drawn[body.hand_in_camera(drawn)[:, 2] >= body.camera.near]
+    # The first postures of a longer draw are those of a shorter one, so no more are drawn than it takes.
+    drawn = seen = body.felt_robot.sample(0, seed=seed)
+    draws = 2 * count
+    while len(seen) < count and len(drawn) < count * _DRAWS:
+        drawn = body.felt_robot.sample(min(draws, count * _DRAWS), seed=seed)
+        seen = drawn[_in_chunks(body.hand_in_camera, drawn)[:, 2] >= body.camera.near]
+        draws *= 4
     if len(seen) < count:
         raise NotVisible(
             f"embodiment '{body.name}': the hand is before the camera in only {len(seen)} of {len(drawn)} postures; "
             f"probe fewer than {count} of the joint space"
         )
-    return seen[:count]
+    return seen[:count].clone()
+
+
+def _in_chunks(of: Callable[[Tensor], Tensor], q: Float[Tensor, "postures p"]) -> Float[Tensor, "postures ..."]:
+    """A function of postures, computed for few of them at a time."""
+    with torch.no_grad():
+        return torch.cat([of(part) for part in torch.split(q, _CHUNK)])
 
 
 def by_posture(rows: Sequence[np.ndarray]) -> Float[np.ndarray, "probe posture"]:

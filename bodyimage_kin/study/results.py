@@ -73,6 +73,7 @@ def _over_recordings(study: Study, grid: Mapping[tuple[str, str], xr.Dataset]) -
 def _summary(facts: xr.Dataset, per_posture: bool) -> xr.Dataset:
     """Of a scene's facts, those that a result keeps."""
     away = facts[["mahalanobis_distance", "hand_distance"]]
-    kept = facts[["excitation", "max_oracle_difference"]].merge(away.mean("posture", keep_attrs=True))
+    of_maps = [name for name in facts if str(name).startswith("direct_map_")]
+    kept = facts[["excitation", "max_oracle_difference", *of_maps]].merge(away.mean("posture", keep_attrs=True))
     by_posture = away.rename({str(name): f"{name}_by_posture" for name in away.data_vars})
     return kept.merge(by_posture) if per_posture else kept.drop_dims("posture", errors="ignore")

@@ -19,6 +19,7 @@ class Score:
         units: ``"1"`` where it has none.
         source: Where its formula is.
         ratio: Whether it is positive and compared by ratios.
+        optional: Whether it is computed only when a study asks for it by name, for it takes its time.
     """
 
     dims: tuple[str, ...]
@@ -26,6 +27,7 @@ class Score:
     units: str = "1"
     source: str = ""
     ratio: bool = True
+    optional: bool = False
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -63,5 +65,29 @@ SCORES: Mapping[str, Score] = {
     "critical_gain_by_posture": Score(
         _BY_POSTURE, "gain below which a sampled visual servo converges", source="critical_gain", ratio=False
     ),
+    "touch_trajectory_rmse": Score(
+        (), "position error of the integrated touching", "m", "trajectory_rmse", optional=True
+    ),
+    "map_error": Score((), "distance from the map of direct sight, over that map's extent", optional=True),
+    "map_error_to_truth": Score(
+        (), "distance of the map from the true taxels, the kernel's share included", "m", optional=True
+    ),
+    "map_topological_error": Score(
+        (), "taxels out of order with a neighbour", source="topological_error", ratio=False, optional=True
+    ),
+    "map_span": Score(("axis",), "extent of the map over the true one", source="span", ratio=False, optional=True),
+    "map_disparity": Score(
+        (), "squared error of the map left after the best similarity", source="procrustes", optional=True
+    ),
+    "map_folded_cells": Score(
+        (), "cells of the map turned over or flattened", source="folded_cells", ratio=False, optional=True
+    ),
+    "posture_map_error": Score(
+        (), "distance from the posture map of direct sight, over that map's extent", optional=True
+    ),
 }
 """Name -> score; those by posture are kept on request."""
+MAP_SCORES = tuple(name for name in SCORES if "map_" in name or name.startswith("touch_"))
+"""Scores for which a cell integrates the touches and learns maps (:mod:`bodyimage_kin.study.maps`)."""
+DEFAULT = tuple(name for name, score in SCORES.items() if not score.optional)
+"""Scores that a study keeps unless it says otherwise."""

@@ -66,10 +66,10 @@ class Store:
         return self._place("scenes", ground) / f"block{block}.nc"
 
     def read_scene(self, ground: Ground, block: int) -> Scene:
-        """What :meth:`write_scene` wrote, without the touches."""
+        """What :meth:`write_scene` wrote, of the recordings those that cells need."""
         recordings = {
             role: [read_recording(self._recording(ground, seed, role)) for seed in ground.seeds]
-            for role in ("training", "tour")
+            for role in ground.roles
         }
         return Scene(recordings, read(self.scene(ground, block)))
 

@@ -18,9 +18,8 @@ import xarray as xr
 from bodyimage_kin._embodiment_file import load_embodiment
 from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.study import cells, executors, results, specs, store
+from bodyimage_kin.study import cells, executors, results, scores, specs, store
 from bodyimage_kin.study.cells import Ground, Scene
-from bodyimage_kin.study.scores import SCORES
 from bodyimage_kin.study.specs import Table
 from bodyimage_kin.study.store import Store
 
@@ -47,12 +46,13 @@ class Study:
         estimators: Name -> estimator, ``"package.module:Class"``, or ``{"PaperMLP": settings}``.
         seeds: One recording each; a number n means 0 to n - 1.
         probes: Name -> name of a probe, or ``{"face": {"distance": 0.03}}``.
-        metrics: Names of the scores to keep.
+        metrics: Names of the scores to keep; those of maps are computed only when they are named here.
         block: Seeds of a cell, which an estimator trains together. Part of what decides the result's last bits.
         seed: Of all random streams.
         excitation_cut: A direction counts as excited when training moves along it this much of what touching does.
         time_limit: Of a cell [s]; None: any time.
         per_posture: Whether scores are kept for each posture too.
+        first_maps: Initial weights of the maps that each recording is tried with; scores of maps are their means.
         folder: Where relative paths of embodiments begin.
     """
 
@@ -61,12 +61,13 @@ class Study:
     estimators: Mapping[str, Any]
     seeds: int | Sequence[int] = 30
     probes: Mapping[str, Any] = field(default_factory=lambda: dict(specs.PROBES))
-    metrics: Sequence[str] = tuple(SCORES)
+    metrics: Sequence[str] = scores.DEFAULT
     block: int = 10
     seed: int = 0
     excitation_cut: float = 0.1
     time_limit: float | None = None
     per_posture: bool = False
+    first_maps: int = 1
     folder: Path = field(default=Path(), compare=False)
 
     def __post_init__(self) -> None:
@@ -88,6 +89,8 @@ class Study:
             raise InvalidConfig(f"seeds={seeds!r}, seed={self.seed!r}: give whole numbers of at least 0, none twice")
         if not _is_whole(self.block) or self.block < 1:
             raise InvalidConfig(f"block={self.block!r}: give a whole number of at least 1")
+        if not _is_whole(self.first_maps) or self.first_maps < 1:
+            raise InvalidConfig(f"first_maps={self.first_maps!r}: give a whole number of at least 1")
         if self.time_limit is not None and not 0 < self.time_limit < np.inf:
             raise InvalidConfig(f"time_limit={self.time_limit!r}: give a positive number of seconds, or None")
         if not 0 <= self.excitation_cut < np.inf:
@@ -95,8 +98,8 @@ class Study:
         if not isinstance(self.per_posture, bool):
             raise InvalidConfig(f"per_posture={self.per_posture!r}: give true or false")
         for name in self.metrics:
-            if name not in SCORES:
-                raise UnknownName("metric", name, SCORES)
+            if name not in scores.SCORES:
+                raise UnknownName("metric", name, scores.SCORES)
 
     @property
     def all_seeds(self) -> tuple[int, ...]:
@@ -113,6 +116,7 @@ class Study:
             "seed": self.seed,
             "excitation_cut": self.excitation_cut,
             "per_posture": self.per_posture,
+            "first_maps": self.first_maps,
             "metrics": list(self.metrics),
         }
         if self.time_limit is not None:
@@ -235,6 +239,7 @@ class Study:
                             entropy=self.seed,
                             excitation_cut=self.excitation_cut,
                             per_posture=self.per_posture,
+                            first_maps=self.first_maps if set(self.metrics) & set(scores.MAP_SCORES) else 0,
                         ),
                     )
 
@@ -327,7 +332,7 @@ class _Run:
         scene = cells.describe(problem) if problem is not None else future.result()
         if isinstance(scene, Scene):
             self.store.write_scene(task.ground, task.block, scene, self.attributes)
-            recordings = {role: scene.recordings[role] for role in ("training", "tour")}
+            recordings = {role: scene.recordings[role] for role in task.ground.roles}
             self._stand_on(task, Scene(recordings, scene.facts))
             return
         self._done()

@@ -25,5 +25,5 @@ from bodyimage_kin.study.fuke2007.run import permuted_error as permuted_error
 from bodyimage_kin.study.fuke2007.run import run as run
 from bodyimage_kin.study.fuke2007.run import summarise as summarise
 from bodyimage_kin.study.fuke2007.run import write_summary as write_summary
-from bodyimage_kin.study.fuke2007.scene import true_map as true_map
 from bodyimage_kin.study.fuke2007.scores import GAMMA as GAMMA
+from bodyimage_kin.study.maps import true_map as true_map

@@ -132,7 +132,7 @@ def _cell(scene: Scene, condition: Condition, pursued: Mapping[str, _Pursued], d
         distance=distances(scene),
         excitation=scene.excitation.eigenvalues,
         jacobian_change=jacobian_change(scene),
-        postures=scene.posture_som.postures,
+        postures=scene.lesson.posture_som.postures,
         other_maps=np.array(other, dtype=float).reshape(len(other), len(direct.steps)),
         blindness=measure_blindness(scene) if condition.name == BLINDNESS else None,
     )

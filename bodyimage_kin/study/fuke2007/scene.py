@@ -16,8 +16,9 @@ from jaxtyping import Float
 from bodyimage_kin import metrics
 from bodyimage_kin.body_image import PostureSOM
 from bodyimage_kin.embodiment import Embodiment
-from bodyimage_kin.recordings import paths, simulate, write_recording
+from bodyimage_kin.recordings import experience, paths, simulate, write_recording
 from bodyimage_kin.study.fuke2007.conditions import Motion, Settings
+from bodyimage_kin.study.maps import POSTURE_GRID, Lesson, seen_range
 
 _IN_FRONT = 0.03
 
@@ -37,8 +38,7 @@ class Scene:
         excitation: Of touching by the circle.
         true_map: Where a perfect map has each taxel [m].
         loop: Postures over the landmarks and back to the first.
-        posture_som: The posture map's representative postures, trained once.
-        image_range: (m, 2) lowest and highest image of the hand that was ever seen [m].
+        lesson: What maps are learned from.
     """
 
     body: Embodiment
@@ -51,8 +51,7 @@ class Scene:
     excitation: metrics.Excitation
     true_map: Float[np.ndarray, "rows columns m"]
     loop: Float[torch.Tensor, "time p"]
-    posture_som: PostureSOM
-    image_range: Float[np.ndarray, "m 2"]
+    lesson: Lesson
 
 
 def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, folder: Path) -> Scene:
@@ -65,7 +64,6 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
     for recording in (circle, tour, touch):
         write_recording(recording, folder / f"{motion.name}_seed{seed}_{recording.attrs['kind']}.nc")
     probes = probe_postures(body, circle)
-    seen = circle["hand_image"].values.reshape(-1, body.m)
     touching = touch["true_q"].values[0][touch["true_taxel"].values[0] >= 0]
     return Scene(
         body=body,
@@ -78,8 +76,9 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
         excitation=metrics.excitation(_displacements(circle), _displacements(touch)),
         true_map=body.hand_image(probes["on_face"]).numpy().reshape(*body.skin.shape, body.m),
         loop=_closed_loop(body),
-        posture_som=PostureSOM.fit(touching, (8, 8), seed),
-        image_range=np.stack([np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)], axis=1),
+        lesson=Lesson(
+            experience(touch), body.skin.shape, seen_range(circle), PostureSOM.fit(touching, POSTURE_GRID, seed)
+        ),
     )
 
 
@@ -92,13 +91,6 @@ def probe_postures(body: Embodiment, circle: xr.Dataset) -> dict[str, Float[torc
         "in_front": body.touch_postures(everywhere, _IN_FRONT),
         "on_face": body.touch_postures(everywhere),
     }
-
-
-def true_map(body: Embodiment) -> Float[np.ndarray, "rows columns m"]:
-    """Where the hand's image is while it touches each taxel [m]: what a perfect map holds."""
-    with torch.no_grad():
-        image = body.hand_image(body.touch_postures(np.arange(body.skin.count)))
-    return image.numpy().reshape(*body.skin.shape, body.m)
 
 
 def _displacements(recording: xr.Dataset) -> Float[np.ndarray, "steps p"]:

@@ -129,18 +129,9 @@ def learn_map(
         seed: Of the first maps; None: the scene's.
         snapshots: Shares of all steps at which the tactile map is kept.
     """
-    felt = experience(scene.touch)
-    steps = felt.sizes["time"]
-    learned = BodyImage.learn(
-        felt,
-        hand,
-        seed=scene.seed if seed is None else seed,
-        grid=scene.true_map.shape[:2],
-        gamma=GAMMA,
-        snapshots=[round(share * steps) for share in snapshots],
-        image_range=scene.image_range,
-        posture_som=scene.posture_som,
-    )
+    steps = scene.lesson.felt.sizes["time"]
+    kept = [round(share * steps) for share in snapshots]
+    learned = scene.lesson.learn(hand, scene.seed if seed is None else seed, kept, gamma=GAMMA)
     maps = np.asarray(learned.history["tactile_maps"])
     return Mapped(
         steps=[int(step) for step in learned.history["steps"]],
@@ -204,7 +195,7 @@ def _posture_scores(scene: Scene, learned: BodyImage) -> dict[str, Any]:
         true = scene.body.hand_image(torch.from_numpy(learned.postures), on_invisible="nan").numpy()
     fit = metrics.procrustes(true=true, map=learned.posture_map)
     touching = scene.touch["true_q"].values[0][scene.touch["true_taxel"].values[0] >= 0]
-    units, samples = learned.postures / scene.posture_som.scale, touching / scene.posture_som.scale
+    units, samples = learned.postures / scene.lesson.posture_som.scale, touching / scene.lesson.posture_som.scale
     return {
         "rmse": metrics.trajectory_rmse(true.reshape(-1, scene.body.m), learned.posture_map.reshape(-1, scene.body.m)),
         "span": metrics.span(learned.posture_map, true),
