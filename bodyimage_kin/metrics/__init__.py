@@ -4,6 +4,10 @@ from bodyimage_kin.metrics.attribution import Attribution as Attribution
 from bodyimage_kin.metrics.attribution import Excitation as Excitation
 from bodyimage_kin.metrics.attribution import attribute as attribute
 from bodyimage_kin.metrics.attribution import excitation as excitation
+from bodyimage_kin.metrics.basin import Basin as Basin
+from bodyimage_kin.metrics.basin import servo_basin as servo_basin
+from bodyimage_kin.metrics.error_split import ErrorSplit as ErrorSplit
+from bodyimage_kin.metrics.error_split import error_split as error_split
 from bodyimage_kin.metrics.jacobian import axis_relative_error as axis_relative_error
 from bodyimage_kin.metrics.jacobian import column_cosine as column_cosine
 from bodyimage_kin.metrics.jacobian import column_log_norm_ratio as column_log_norm_ratio
