@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as OutlinePath
@@ -265,8 +266,11 @@ def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Pat
                 figure.draw_without_rendering()
             figure.set_layout_engine("none")
         svg, png = io.BytesIO(), io.BytesIO()
-        figure.savefig(svg, format="svg", dpi=200, metadata={"Date": None, "Creator": None})
-        figure.savefig(png, format="png", dpi=200, metadata={"Software": None})
+        # Not savefig: it draws everything once more to settle a layout that is settled.
+        figure.set_dpi(200)
+        FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
+        figure.set_dpi(200)  # a drawing in SVG leaves it at 72
+        FigureCanvasAgg(figure).print_png(png, metadata={"Software": None})  # type: ignore[no-untyped-call]
     paths = folder / f"{name}.svg", folder / f"{name}.png"
     _replace(paths[0], _rounded(svg.getvalue()))
     _replace(paths[1], png.getvalue())
