@@ -22,12 +22,14 @@ _CHUNK = 5000
 """Postures at which Jacobians are asked for at once: bounds the memory of wide probes."""
 
 
+_LARGEST = 1e150
+"""Beyond it a square is not finite, nor is any score."""
+
+
 class WrongResult(Exception):
     """What an estimator returned is no learned Jacobian of finite values."""
 
 
-# What overflows is no warning but a failure, below.
-@np.errstate(over="ignore", invalid="ignore")
 def score(
     body: Embodiment,
     recordings: Mapping[str, xr.Dataset],
@@ -73,8 +75,6 @@ def score(
             rows.setdefault(name, []).append(value)
     for name, values in rows.items():
         found[name] = probes.by_posture(values) if "posture" in SCORES[name].dims else np.array(values)
-    if infinite := [name for name, value in found.items() if np.isinf(value).any()]:
-        raise WrongResult(f"what was learned is too large to be scored: {', '.join(infinite)} would be infinite")
     return found
 
 
@@ -131,11 +131,9 @@ def _integrated(what: str, recording: xr.Dataset, learned: Any, **settings: Any)
     felt = experience(recording)
     with torch.no_grad():
         path = integrate(felt, learned, **settings)
+    # Scores of a path leave out what is not finite: one that explodes would seem to be a good one.
     there = np.isfinite(felt["q"].values).all(-1)
-    # Scores of a path leave out what is not finite: one that explodes would seem to be none, or a good one.
-    wrong = int((there & ~np.isfinite(path.values).all(-1)).sum())
-    if wrong:
-        raise WrongResult(f"the integrated {what} is not finite in {wrong} of {int(there.sum())} samples")
+    _checked(f"the integrated {what}", path.values[there], path.values[there].shape)
     return path
 
 
@@ -152,7 +150,8 @@ def _checked(what: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     values = np.asarray(value.detach() if hasattr(value, "detach") else value, dtype=np.float64)
     if values.shape != shape:
         raise WrongResult(f"{what} has shape {values.shape}; it must be {shape}")
-    wrong = int((~np.isfinite(values).reshape(len(values), -1).all(1)).sum())
-    if wrong:
-        raise WrongResult(f"{what} is not finite in {wrong} of {len(values)} postures")
+    for problem, sound in (("not finite", np.isfinite(values)), ("too large to be scored", abs(values) < _LARGEST)):
+        wrong = int((~sound).reshape(len(values), -1).any(1).sum())
+        if wrong:
+            raise WrongResult(f"{what} is {problem} in {wrong} of {len(values)} postures")
     return values
