@@ -7,12 +7,14 @@ true one instead is "direct sight", the best that this rule can do.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bodyimage_kin._compiled import in_threads
 from bodyimage_kin.body_image._checks import choice, float_array, grid_shape, number, whole
 from bodyimage_kin.body_image._learning import learn
 from bodyimage_kin.body_image._touches import image_bounds, images_known, silent, touches
@@ -70,7 +72,7 @@ class BodyImage:
         initial_map: Any = None,
         image_range: Any = None,
         posture_som: PostureSOM | None = None,
-    ) -> BodyImage:
+    ) -> Self:
         """Learn both maps from one trial, one step a sample: ``w_i += alpha(t) h(d_ic) (hand - w_i)`` (13, 15).
 
         A sample without touch, one whose hand is NaN and a silent one count as steps and teach nothing; padded samples
@@ -174,6 +176,29 @@ class BodyImage:
                 "posture_som": "given" if given_som else "trained",
             },
         )  # fmt: skip
+
+    @classmethod
+    def learn_many(cls, exps: Sequence[Any], hands: Sequence[Any], seeds: Sequence[int], **settings: Any) -> list[Self]:
+        """Learn maps of several experiences, one seed each, in as many threads as torch is allowed.
+
+        Args:
+            exps: One experience for each seed; the same one where only the first maps differ.
+            hands: Hand images to learn from, one for each seed.
+            seeds: Of everything random, one each.
+            **settings: Of :meth:`learn`, the same for all.
+
+        Raises:
+            InvalidConfig: Unequal numbers of experiences, hands and seeds; and as :meth:`learn`.
+            InvalidRecording: As :meth:`learn`.
+        """
+        if not len(exps) == len(hands) == len(seeds):
+            raise InvalidConfig(f"{len(exps)} experiences, {len(hands)} hands and {len(seeds)} seeds; give one each")
+
+        def one(given: tuple[Any, Any, int]) -> Self:
+            exp, hand, seed = given
+            return cls.learn(exp, hand, seed=seed, **settings)
+
+        return list(in_threads(one, list(zip(exps, hands, seeds, strict=True))))
 
 
 def _snapshots(snapshots: Any, steps: int) -> tuple[int, ...]:

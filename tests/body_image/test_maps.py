@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import torch
 import xarray as xr
 
 from bodyimage_kin.body_image import (
@@ -338,3 +339,22 @@ def test_a_trial_is_learned_as_if_it_were_alone():
     second, alone = small(exp, hand, trial=1), small(exp.isel(trial=[1]), hand[1:])
     for name in ("tactile_map", "postures", "posture_map", "touch_counts"):
         np.testing.assert_array_equal(getattr(second, name), getattr(alone, name))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_many_maps_are_each_as_if_learned_alone(sight, threads):
+    exp, hand = sight
+    other = experience(np.random.default_rng(5).integers(0, 441, 500))
+    hands = [hand, PLACES[other["taxel"].values]]
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        found = BodyImage.learn_many([exp, other], hands, [3, 4], silence=0.2)
+    finally:
+        torch.set_num_threads(before)
+    for learned, given, seen, seed in zip(found, [exp, other], hands, [3, 4], strict=True):
+        alone = BodyImage.learn(given, seen, seed=seed, silence=0.2)
+        np.testing.assert_array_equal(learned.tactile_map, alone.tactile_map)
+        np.testing.assert_array_equal(learned.posture_map, alone.posture_map)
+    with pytest.raises(InvalidConfig, match="give one each"):
+        BodyImage.learn_many([exp], hands, [3, 4])
