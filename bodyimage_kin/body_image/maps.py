@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -72,7 +72,7 @@ class BodyImage:
         initial_map: Any = None,
         image_range: Any = None,
         posture_som: PostureSOM | None = None,
-    ) -> Self:
+    ) -> BodyImage:
         """Learn both maps from one trial, one step a sample: ``w_i += alpha(t) h(d_ic) (hand - w_i)`` (13, 15).
 
         A sample without touch, one whose hand is NaN and a silent one count as steps and teach nothing; padded samples
@@ -178,7 +178,9 @@ class BodyImage:
         )  # fmt: skip
 
     @classmethod
-    def learn_many(cls, exps: Sequence[Any], hands: Sequence[Any], seeds: Sequence[int], **settings: Any) -> list[Self]:
+    def learn_many(
+        cls, exps: Sequence[Any], hands: Sequence[Any], seeds: Sequence[int], **settings: Any
+    ) -> list[BodyImage]:
         """Learn maps of several experiences, one seed each, in as many threads as torch is allowed.
 
         Args:
@@ -194,7 +196,7 @@ class BodyImage:
         if not len(exps) == len(hands) == len(seeds):
             raise InvalidConfig(f"{len(exps)} experiences, {len(hands)} hands and {len(seeds)} seeds; give one each")
 
-        def one(given: tuple[Any, Any, int]) -> Self:
+        def one(given: tuple[Any, Any, int]) -> BodyImage:
             exp, hand, seed = given
             return cls.learn(exp, hand, seed=seed, **settings)
 
