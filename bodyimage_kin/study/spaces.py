@@ -1,0 +1,144 @@
+"""What is searched when an estimator is tuned, as plain tables, and how settings are drawn from them.
+
+A space is ``{SETTING: range}``. A range is one of
+
+========================================= ============================================================================
+``{"choice": [...]}``                     each with the same chance; an item that is a range is drawn from in turn
+``{"uniform": [least, most]}``            whole numbers when both bounds are
+``{"log_uniform": [least, most]}``        its logarithm uniform; whole numbers when both bounds are
+========================================= ============================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.study.specs import Table, plain
+
+_PENALTY_OR_OWN = {"choice": [None, {"log_uniform": [1e-11, 1.0]}]}
+"""None: the estimator's own choice."""
+_TRAINING: Table = {
+    "hidden": {"choice": [[8], [16], [32], [64], [16, 16], [32, 32]]},
+    "learning_rate": {"log_uniform": [1e-3, 0.1]},
+    "steps": {"log_uniform": [200, 1500]},
+    "weight_decay": {"log_uniform": [1e-3, 5.0]},
+    "held_out": {"choice": [0.0, 0.1, 0.2, 0.3]},
+}
+
+SPACES: Mapping[str, Table] = {
+    # One solution, and nothing to set: `scale` is prior knowledge.
+    "LeastSquares": {},
+    "Ridge": {"penalty": {"choice": [None, {"log_uniform": [1e-10, 1e-2]}]}},
+    "PaperMLP": {
+        "hidden": {"log_uniform": [4, 40]},
+        "learning_rate": {"log_uniform": [0.02, 1.0]},
+        "steps": {"log_uniform": [50, 5000]},
+    },
+    "PostureMLP": _TRAINING,
+    "JacobianNetwork": _TRAINING,
+    "ForwardNetwork": _TRAINING,
+    "NearestNeighbours": {"neighbours": {"log_uniform": [5, 300]}, "penalty": {"log_uniform": [1e-5, 1.0]}},
+    "LocallyWeighted": {
+        "bandwidth": {"choice": [None, {"log_uniform": [0.01, 1.0]}]},
+        "penalty": {"log_uniform": [1e-5, 1.0]},
+    },
+    "TrigRidge": {
+        "degree": {"choice": [1, 2, 3, 4, 5]},
+        "penalty": _PENALTY_OR_OWN,
+        "roughness": {"log_uniform": [1.0, 256.0]},
+    },
+    "RationalTrig": {
+        "degree": {"choice": [None, 1, 2, 3]},
+        "penalty": _PENALTY_OR_OWN,
+        "roughness": {"log_uniform": [1.0, 256.0]},
+        "iterations": {"choice": [1, 2, 4]},
+    },
+    "GaussianProcess": {
+        "kernel": {"choice": ["trigonometric", "radial"]},
+        "degree": {"choice": [1, 2, 3, 4, 5]},
+        "most": {"choice": [125, 250, 1000]},
+    },
+    "Broyden": {"gain": {"log_uniform": [0.01, 1.0]}, "smallest": {"log_uniform": [1e-6, 1e-2]}},
+    "RecursiveLeastSquares": {
+        "forgetting": {"choice": [0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.999, 1.0]},
+        "confidence": {"log_uniform": [1e2, 1e8]},
+    },
+    "Kalman": {
+        "drift": {"log_uniform": [1e-6, 0.1]},
+        "image_noise": {"log_uniform": [1e-5, 1e-2]},
+        "spread": {"log_uniform": [1e-2, 1.0]},
+    },
+    # It takes over the settings that were tuned for its members' spec.
+    "Ensemble": {},
+    # The spreads are no settings but prior knowledge: how well the body is known beforehand.
+    "SelfCalibration": {"starts": {"log_uniform": [1, 6]}, "steps": {"log_uniform": [20, 100]}},
+    # The truth.
+    "Analytic": {},
+}
+"""Class -> space. None within a choice is the setting's own None."""
+
+_KINDS = ("choice", "uniform", "log_uniform")
+
+
+def checked_space(what: str, space: Any) -> Table:
+    """The space as a plain table.
+
+    Args:
+        what: Whose space it is, for errors.
+        space: Setting -> range.
+
+    Raises:
+        InvalidConfig: No table of ranges; names the setting.
+        UnknownName: Another kind of range.
+    """
+    if not isinstance(space, Mapping):
+        raise InvalidConfig(f"space of {what} is {space!r}; give {{SETTING: range}}")
+    found = {str(name): plain(f"space of {what}: {name}", span) for name, span in space.items()}
+    for name, span in found.items():
+        _check(f"space of {what}: {name}", span)
+    return found
+
+
+def draw(space: Table, rng: np.random.Generator) -> Table:
+    """One setting of each name, drawn independently; floats of three digits."""
+    return {name: _draw(span, rng) for name, span in space.items()}
+
+
+def _check(what: str, span: Any) -> None:
+    if not isinstance(span, dict) or len(span) != 1:
+        raise InvalidConfig(f"{what} is {span!r}; give one range, such as {{'choice': [...]}}")
+    kind, values = next(iter(span.items()))
+    if kind not in _KINDS:
+        raise UnknownName(f"range ({what})", kind, _KINDS)
+    if not isinstance(values, list) or not values:
+        raise InvalidConfig(f"{what}: {kind} is {values!r}; give a list")
+    if kind == "choice":
+        for item in values:
+            if isinstance(item, dict):
+                _check(what, item)
+        return
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    if not numbers or len(values) != 2 or not -math.inf < values[0] <= values[1] < math.inf:
+        raise InvalidConfig(f"{what}: {kind} is {values!r}; give [least, most]")
+    if kind == "log_uniform" and values[0] <= 0:
+        raise InvalidConfig(f"{what}: log_uniform is {values!r}; give positive bounds")
+
+
+def _draw(span: Table, rng: np.random.Generator) -> Any:
+    ((kind, values),) = span.items()
+    if kind == "choice":
+        item = values[int(rng.integers(len(values)))]
+        return _draw(item, rng) if isinstance(item, dict) else item
+    least, most = values
+    if kind == "uniform":
+        drawn = float(rng.uniform(least, most))
+    else:
+        drawn = math.exp(rng.uniform(math.log(least), math.log(most)))
+    if isinstance(least, int) and isinstance(most, int):
+        return round(drawn)
+    return min(max(float(f"{drawn:.3g}"), float(least)), float(most))

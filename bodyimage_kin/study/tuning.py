@@ -1,0 +1,284 @@
+"""Tuning: every estimator gets the same budget of settings, judged on what was seen alone; all of it is recorded.
+
+Random search, each candidate judged on regions of the image that were hidden from it
+(:mod:`bodyimage_kin.study.held_out`).
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import xarray as xr
+
+from bodyimage_kin._files import write_text
+from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording, UnknownName
+from bodyimage_kin.estimators.base import Pairs, is_count, require
+from bodyimage_kin.metrics import displacement_error
+from bodyimage_kin.recordings.schema import experience
+from bodyimage_kin.study import specs
+from bodyimage_kin.study.cells import describe, stream
+from bodyimage_kin.study.held_out import Lesson, lessons
+from bodyimage_kin.study.spaces import SPACES, checked_space, draw
+from bodyimage_kin.study.specs import Table
+
+_FORM = {"format": "bodyimage_kin tuning", "version": 1}
+_ROUNDING = 1e-6
+"""Errors below are of rounding, and count as this."""
+_DRAWS = 50
+"""Draws at most for each candidate wanted: a small space has fewer than the budget."""
+_CRITERION = (
+    "The seen samples of each experience are divided by their hand image into {folds} regions of equal numbers: cut in "
+    "two along the image axis of the greatest spread, and each part again. Each region is hidden once, over all trials "
+    "and turns; what is learned from the others is judged on the steps within it by "
+    "sqrt(sum |displacement(q, dq) - dr|^2 / sum |dr|^2). Score: the mean over regions, at least 1e-6, then the "
+    "geometric mean over experiences; the smallest is chosen, the first of equals."
+)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Settings that were tried.
+
+    Attributes:
+        settings: What the space names; None is the setting's own None.
+        errors: Relative displacement error on hidden regions, one an experience; empty after a failure.
+        failure: What went wrong; empty when nothing did.
+        seconds: That all its fits took [s]. No part of equality.
+    """
+
+    settings: Mapping[str, Any]
+    errors: tuple[float, ...] = ()
+    failure: str = ""
+    seconds: float = field(default=0.0, compare=False)
+
+    def score(self, experiences: Sequence[int] | None = None) -> float:
+        """Geometric mean of the errors over experiences (by index; None: all); infinite after a failure."""
+        kept = [self.errors[index] for index in experiences or range(len(self.errors))] if self.errors else []
+        return math.exp(sum(map(math.log, kept)) / len(kept)) if kept else math.inf
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """A search and what it chose.
+
+    Attributes:
+        chosen: ``{CLASS: settings}``, every setting written out: a spec for a study.
+        candidates: Everything that was tried, the default settings first.
+        space: What was searched; empty when there is nothing to tune.
+        budget: Candidates that were allowed. Fewer are tried only when the space has no more.
+        seed: Of the candidates and of the fits.
+        folds: Number of regions.
+        criterion: How candidates were judged, in words.
+    """
+
+    chosen: Table
+    candidates: tuple[Candidate, ...]
+    space: Table
+    budget: int
+    seed: int
+    folds: int
+    criterion: str
+
+    def best(self, experiences: Sequence[int] | None = None) -> Candidate:
+        """The candidate with the smallest score over these experiences (by index); None: all, as was chosen by."""
+        return min(self.candidates, key=lambda candidate: candidate.score(experiences))
+
+    def table(self) -> Table:
+        """The search as JSON can say it; :meth:`from_table` reads it."""
+        tried = [
+            {
+                "settings": dict(one.settings),
+                "score": float(f"{one.score():.5g}") if one.errors else None,
+                "errors": list(one.errors),
+                "failure": one.failure,
+                "seconds": round(one.seconds, 3),
+            }
+            for one in self.candidates
+        ]
+        facts = {"budget": self.budget, "seed": self.seed, "folds": self.folds, "criterion": self.criterion}
+        return {"chosen": self.chosen, **facts, "space": self.space, "candidates": tried}
+
+    @classmethod
+    def from_table(cls, table: Any) -> Tuned:
+        """The inverse of :meth:`table`.
+
+        Raises:
+            InvalidConfig: Something missing, or settings that their estimator does not take.
+        """
+        try:
+            tried = tuple(
+                Candidate(dict(one["settings"]), tuple(map(float, one["errors"])), one["failure"], one["seconds"])
+                for one in table["candidates"]
+            )
+            chosen = specs.estimator_table(table["chosen"])
+            facts = [table[name] for name in ("space", "budget", "seed", "folds", "criterion")]
+        except (KeyError, TypeError, ValueError) as problem:
+            raise InvalidConfig(f"no record of a tuning: {type(problem).__name__} {problem}") from None
+        return cls(chosen, tried, *facts)
+
+
+def tune(
+    spec: Any,
+    experiences: Iterable[Any],
+    *,
+    budget: int = 24,
+    seed: int = 0,
+    body: Embodiment | None = None,
+    space: Any = None,
+    folds: int = 3,
+) -> Tuned:
+    """Searches the settings of an estimator at random (Bergstra and Bengio 2012), judged on seen data alone.
+
+    The first candidate is the spec as given; the others differ from it in what the space names. A candidate that
+    raises, or foretells what is not finite, is recorded with its failure and never chosen.
+
+    Args:
+        spec: An estimator, the name of a class, or ``{CLASS: settings}``; CLASS may be ``"package.module:Class"``.
+        experiences: Of the motion that will be learned from, other seeds than those to be reported. Of a recording,
+            the truth is dropped.
+        budget: Number of candidates; the same for all that are to be compared.
+        seed: Same seed, same candidates and fits, whatever else is tuned.
+        body: The embodiment, for an estimator that wants one.
+        space: Setting -> range (:mod:`bodyimage_kin.study.spaces`); None: that of :data:`SPACES`.
+        folds: Number of regions that are hidden in turn.
+
+    Raises:
+        InvalidConfig: A setting out of range, a space that is missing or names what the estimator does not have, an
+            estimator that wants a body and got none, or one of which no candidate succeeded.
+        InvalidRecording: An experience whose regions are too small to learn from and to judge.
+        UnknownName: No such estimator.
+    """
+    require(is_count(budget, 1), "budget", budget, "a whole number of at least 1")
+    require(is_count(folds, 2), "folds", folds, "a whole number of at least 2")
+    require(is_count(seed, 0), "seed", seed, "a whole number of at least 0")
+    ((name, base),) = specs.estimator_table(spec).items()
+    space = checked_space(name, _space_of(name) if space is None else space)
+    given = _as_given(name, base, space, body)
+    taught = [lessons(experience(one), folds) for one in experiences]
+    if not taught:
+        raise InvalidRecording("no experience to tune on; give at least one")
+    fit_seeds = stream(seed, f"tuning/{name}/fit", folds * len(taught))
+    tried = tuple(
+        _try(name, base, settings, taught, fit_seeds, body)
+        for settings in _candidates(name, given, space, budget, seed)
+    )
+    best = min(tried, key=Candidate.score)
+    if not best.errors:
+        raise InvalidConfig(f"estimator {name}: no candidate succeeded; the first: {tried[0].failure}")
+    chosen = specs.estimator_table({name: base | dict(best.settings)})
+    return Tuned(chosen, tried, space, budget, seed, folds, _CRITERION.format(folds=folds))
+
+
+def write_tuning(path: str | os.PathLike[str], tuned: Mapping[str, Tuned], **about: Any) -> None:
+    """Writes searches as JSON, beside anything else that ``about`` names.
+
+    Args:
+        path: Of the file.
+        tuned: Name -> search.
+        about: What JSON can say: versions, seeds of the recordings, ...
+    """
+    table = {**_FORM, **about, "tuned": {name: search.table() for name, search in tuned.items()}}
+    write_text(Path(path), json.dumps(table, indent=1, allow_nan=False) + "\n")
+
+
+def read_tuning(path: str | os.PathLike[str]) -> dict[str, Tuned]:
+    """The searches that :func:`write_tuning` wrote; their ``chosen`` tables are specs for a study.
+
+    Raises:
+        InvalidConfig: A file that cannot be read, or is none of ours.
+    """
+    try:
+        table = json.loads(Path(path).read_text(encoding="utf-8"))
+        form = {key: table[key] for key in _FORM}
+        searches = dict(table["tuned"])
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise InvalidConfig(f"'{path}' holds no tuning: {problem}") from None
+    if form != _FORM:
+        raise InvalidConfig(f"'{path}' holds no tuning that this version reads: it is of {form}")
+    return {name: Tuned.from_table(search) for name, search in searches.items()}
+
+
+# Inner ---------------------------------------------------------------------------------------------------------------
+
+
+def _space_of(name: str) -> Table:
+    if name not in SPACES:
+        raise InvalidConfig(f"estimator {name} has no space of its own; give space={{SETTING: range}}")
+    return SPACES[name]
+
+
+def _as_given(name: str, base: Table, space: Table, body: Embodiment | None) -> Table:
+    """What the space names, as the spec has it."""
+    if body is None and specs._wants_body({name: base}):
+        raise InvalidConfig(f"estimator {name} wants an embodiment; give body=")
+    known = inspect.signature(type(specs.build_estimator({name: base}, body))).parameters
+    for setting in space:
+        if setting not in known:
+            raise InvalidConfig(str(UnknownName(f"setting of estimator {name}", setting, known)))
+    return {setting: specs.plain(setting, base.get(setting, known[setting].default)) for setting in space}
+
+
+def _candidates(name: str, given: Table, space: Table, budget: int, seed: int) -> list[Table]:
+    """The settings as given, then others, none twice."""
+    rng = np.random.default_rng(stream(seed, f"tuning/{name}/candidates", 4))
+    found = [given]
+    for _ in range(_DRAWS * budget if space else 0):
+        if len(found) == budget:
+            break
+        drawn = draw(space, rng)
+        if drawn not in found:
+            found.append(drawn)
+    return found
+
+
+def _try(
+    name: str,
+    base: Table,
+    settings: Table,
+    taught: Sequence[Sequence[Lesson]],
+    seeds: Sequence[int],
+    body: Embodiment | None,
+) -> Candidate:
+    begin = time.perf_counter()
+    errors: tuple[float, ...] = ()
+    failure = ""
+    try:
+        spec = specs.build_estimator(specs.estimator_table({name: base | settings}), body)
+        learned = iter(_fit(spec, [lesson.seen for one in taught for lesson in one], seeds))
+        judged = [[_error(next(learned), lesson.hidden) for lesson in one] for one in taught]
+        # Five digits: no choice hangs on how sums are rounded.
+        errors = tuple(float(f"{max(float(np.mean(one)), _ROUNDING):.5g}") for one in judged)
+    except (Exception, SystemExit) as problem:
+        failure = describe(problem)
+    return Candidate(settings, errors, failure, time.perf_counter() - begin)
+
+
+def _fit(spec: Any, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[Any]:
+    if not callable(getattr(spec, "fit_many", None)):
+        return [spec.fit(exp, seed) for exp, seed in zip(experiences, seeds, strict=True)]
+    learned = list(spec.fit_many(experiences, seeds))
+    if len(learned) != len(seeds):
+        raise InvalidConfig(f"fit_many returned {len(learned)} learned Jacobians for {len(seeds)} experiences")
+    return learned
+
+
+def _error(learned: Any, hidden: Pairs) -> float:
+    """Relative displacement error over the hidden steps."""
+    with torch.no_grad():
+        foreseen = torch.as_tensor(learned.displacement(hidden.q, hidden.dq)).detach()
+    error = displacement_error(foreseen, hidden.dr)
+    # The metric leaves out rows that are not finite; here each one counts.
+    if not (np.isfinite(foreseen.numpy()).all() and np.isfinite(error)):
+        raise InvalidArray("displacement is not finite on hidden steps")
+    return error

@@ -1,0 +1,124 @@
+"""Tunes every estimator under one budget on seen data alone: ``python comparisons/estimators/tune.py``.
+
+Writes ``tuning.json`` beside this file: every candidate, its score, what was chosen. Some ten minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+# Before numpy: one math thread a process, or results depend on how sums are divided among them.
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import torch
+import xarray as xr
+
+import bodyimage_kin as bk
+from bodyimage_kin.recordings.schema import versions
+from bodyimage_kin.study import specs
+from bodyimage_kin.study.cells import stream
+from bodyimage_kin.study.tuning import Tuned, tune, write_tuning
+
+HERE = Path(__file__).parent
+EMBODIMENT = "infant"
+CONDITIONS: Mapping[str, Mapping[str, Any]] = {
+    "noise_free": {},
+    "noisy": {"drag": {"torque_variance": 0.01}, "encoder_noise": 1e-3, "image_noise": 2e-4},
+}
+"""Settings of the circle that is learned from."""
+RECORDINGS = 3
+"""Of each condition."""
+SEED = 0
+BUDGET = 24
+WORKERS = 2
+# The longest first, so that no worker is left alone with one at the end. An ensemble takes what its members' spec got.
+FAMILIES = sorted(
+    (name for name in bk.estimators.names() if name != "Ensemble"),
+    key=lambda name: (not name.endswith("Network"), name not in ("PostureMLP", "RationalTrig", "SelfCalibration")),
+)
+
+
+def recording_seeds(condition: str) -> list[int]:
+    """Seeds of a stream of its own, apart from every study's."""
+    return [stream(SEED, f"tuning/{condition}/{index}")[0] for index in range(RECORDINGS)]
+
+
+@lru_cache(maxsize=1)
+def setting() -> tuple[bk.Embodiment, Sequence[xr.Dataset]]:
+    """The body, and the experiences of all conditions, one condition after the other."""
+    torch.set_num_threads(1)
+    body = bk.load_embodiment(EMBODIMENT)
+    experiences = []
+    for condition, settings in CONDITIONS.items():
+        arguments = specs.motion_arguments(specs.recording_table({"circle": settings})["circle"])
+        recordings = bk.simulate.many("circle", body, recording_seeds(condition), threads=1, **arguments)
+        experiences += [bk.experience(recording) for recording in recordings]
+    return body, experiences
+
+
+def tune_family(name: str) -> Tuned:
+    """One estimator's search."""
+    body, experiences = setting()
+    return tune(name, experiences, budget=BUDGET, seed=SEED, body=body)
+
+
+def main() -> None:
+    """Tunes all, writes, and prints a line for each."""
+    begin = time.perf_counter()
+    with ProcessPoolExecutor(WORKERS, multiprocessing.get_context("spawn")) as pool:
+        found = dict(zip(FAMILIES, searched(pool), strict=True))
+    tuned = {name: found[name] for name in bk.estimators.names() if name in found}
+    write_tuning(
+        HERE / "tuning.json",
+        tuned,
+        embodiment=EMBODIMENT,
+        conditions={
+            condition: {
+                "circle": dict(settings),
+                "seeds": recording_seeds(condition),
+                "best": {name: dict(one.best(indices(condition)).settings) for name, one in tuned.items()},
+            }
+            for condition, settings in CONDITIONS.items()
+        },
+        versions=versions(),
+        seconds=round(time.perf_counter() - begin),
+    )
+    print(table(tuned))
+
+
+def searched(pool: ProcessPoolExecutor) -> list[Tuned]:
+    """Each family's search, in their order; says when one is there."""
+    found = []
+    for name, tuned in zip(FAMILIES, pool.map(tune_family, FAMILIES), strict=True):
+        print(f"{name}: {sum(one.seconds for one in tuned.candidates):.0f} s", flush=True)
+        found.append(tuned)
+    return found
+
+
+def indices(condition: str) -> list[int]:
+    """Places of a condition's experiences among all."""
+    first = list(CONDITIONS).index(condition) * RECORDINGS
+    return list(range(first, first + RECORDINGS))
+
+
+def table(tuned: Mapping[str, Tuned]) -> str:
+    """Scores of the default and of what was chosen, and the settings."""
+    lines = [f"{'':22} {'default':>9} {'chosen':>9}  of  failed  settings"]
+    for name, one in tuned.items():
+        best, tried = one.best(), one.candidates
+        failed = sum(not candidate.errors for candidate in tried)
+        settings = ", ".join(f"{key}={value}" for key, value in best.settings.items()) or "nothing to tune"
+        scores = f"{tried[0].score():9.3g} {best.score():9.3g}"
+        lines.append(f"{name:22} {scores} {len(tried):3d} {failed:7d}  {settings}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()
