@@ -17,6 +17,7 @@ from torch import Tensor
 from bodyimage_kin._embodiment_file import load_embodiment
 from bodyimage_kin.backends import kinematics
 from bodyimage_kin.backends.torch_backend import _LinkChain
+from bodyimage_kin.bench import _frax
 from bodyimage_kin.robot import Robot
 
 Call = Callable[[Tensor], Any]
@@ -48,6 +49,7 @@ class Engine:
         forward: Postures (batch, n) -> pose (batch, 4, 4) and Jacobian (batch, 6, n).
         backward: Postures -> the same, and the gradient of both; None where the library has none.
         threads: Whether more threads than one are used.
+        fixed: Whether the number of threads cannot be changed within a process.
         most: Largest batch with a backward that ordinary memory holds.
     """
 
@@ -55,6 +57,7 @@ class Engine:
     forward: Call
     backward: Call | None = None
     threads: bool = False
+    fixed: bool = False
     most: int = 10_000_000
 
 
@@ -76,9 +79,9 @@ def arms() -> Iterator[Arm]:
 def missing() -> dict[str, str]:
     """What would be measured as well if it were installed."""
     wanted = {
-        "example-robot-data": "pip install example-robot-data (Panda and Talos)",
+        "example-robot-data": "pip install 'bodyimage-kin[bench]' (Panda and Talos)",
         "mujoco": "pip install mujoco",
-        "frax": "pip install frax (JAX)",
+        "frax": "pip install 'bodyimage-kin[bench]' (frax, on JAX)",
     }
     found = {"example-robot-data": len(list(arms())) > 1, **{name: _installed(name) for name in ("mujoco", "frax")}}
     return {name: how for name, how in wanted.items() if not found[name]}
@@ -119,6 +122,8 @@ def engines(arm: Arm) -> list[Engine]:
     if _installed("mujoco"):
         mujoco = kinematics(arm.robot, "mujoco")
         found.append(Engine("MuJoCo", lambda q: mujoco.pose_and_jacobian(q, arm.link)))
+    if _installed("frax"):
+        found.append(Engine("frax", *_frax.calls(arm.robot, arm.link), threads=True, fixed=True, most=100_000))
     return found
 
 

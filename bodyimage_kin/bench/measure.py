@@ -1,13 +1,16 @@
-"""The measuring: in turns, so that a busy moment of the machine strikes all alike; medians and quartiles."""
+"""What is measured, on which robots and batches, and how much of it."""
 
 from __future__ import annotations
 
+import functools
 import math
+import multiprocessing
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib import metadata
@@ -19,14 +22,26 @@ import torch
 from torch import Tensor
 
 from bodyimage_kin.backends import kinematics
-from bodyimage_kin.bench import others
+from bodyimage_kin.bench import others, processes
 from bodyimage_kin.bench.engines import Arm, Engine, arms, engines, missing
+from bodyimage_kin.bench.timing import quartiles, turns
 from bodyimage_kin.errors import InvalidConfig
 
 Report = Callable[[str], None]
-_LEAST = 1e-2
-"""Shorter work is repeated until a measurement takes about as long [s]: what others left in caches counts little."""
-_PACKAGES = ("bodyimage-kin", "numba", "torch", "numpy", "pin", "pytorch-kinematics", "mujoco", "minisom")
+_BATCH = 100_000
+"""Postures by which threads are compared."""
+_PACKAGES = (
+    "bodyimage-kin",
+    "numba",
+    "torch",
+    "numpy",
+    "pin",
+    "pytorch-kinematics",
+    "mujoco",
+    "frax",
+    "jax",
+    "minisom",
+)
 
 
 @dataclass(frozen=True)
@@ -39,22 +54,28 @@ class Settings:
         longest: An engine that would take longer [s] for a batch, judged by the batch before, is left out.
         robots: Names of the arms; empty: all that are installed.
         stream: Postures of the stream; 0: none.
+        starts: Rounds of new processes, with their compiling; 0: none.
+        reproductions: Which of the paper are run from end to end: "quick", "full".
     """
 
     batches: tuple[int, ...] = (1, 100, 10_000, 1_000_000)
     rounds: int = 15
-    longest: float = 20.0
+    longest: float = 10.0
     robots: tuple[str, ...] = ()
     stream: int = 100_000_000
+    starts: int = 7
+    reproductions: tuple[str, ...] = ("quick", "full")
 
     def __post_init__(self) -> None:
         if not self.batches or min(self.batches) < 1:
             raise InvalidConfig("batches must be positive whole numbers")
         if self.rounds < 1:
             raise InvalidConfig("rounds must be positive")
+        if unknown := set(self.reproductions) - {"quick", "full"}:
+            raise InvalidConfig(f"no reproduction {min(unknown)!r}; give 'quick' or 'full'")
 
 
-QUICK = Settings(batches=(1, 100, 10_000), rounds=7, longest=2.0, stream=10_000_000)
+QUICK = Settings(batches=(1, 100, 10_000), rounds=7, longest=2.0, stream=10_000_000, starts=3, reproductions=("quick",))
 """For a first look."""
 
 
@@ -70,9 +91,10 @@ def run(settings: Settings | None = None, report: Report = lambda _: None) -> di
 
     Returns:
         Ready for JSON: ``forward`` and ``backward``, a row an engine, batch and arm, with ``seconds`` and ``speed_up``
-        (over pytorch-kinematics in the same turn) as [lower quartile, median, upper quartile] and ``error`` (against
-        Pinocchio, relative to the arm's reach); ``threads``, ``growth``, ``images``, ``maps``, ``stream``; what it ran
-        on, and what was missing.
+        (over pytorch-kinematics in the same turn) as [lower quartile, median, upper quartile], ``first`` (seconds of
+        the first call of all) and ``error`` (against Pinocchio, relative to the arm's reach); ``threads``, ``growth``,
+        ``images``, ``maps``, ``networks``, ``stream``, ``starts``, ``reproductions``; what it ran on, and what was
+        missing.
     """
     settings = settings or Settings()
     chosen = [arm for arm in arms() if not settings.robots or arm.name in settings.robots]
@@ -88,46 +110,27 @@ def run(settings: Settings | None = None, report: Report = lambda _: None) -> di
     with one_thread():
         for arm in chosen:
             found = engines(arm)
+            first = _firsts(found, arm)
             errors = _errors(found, arm)
             for task in ("forward", "backward"):
-                result[task] += _table(arm, found, task, errors, settings, report)
+                result[task] += _table(arm, found, task, first, errors, settings, report)
             report(f"{arm.name}: threads")
             result["threads"] += _threads(arm, found, settings)
         for name, measured in (
             ("growth", others.growth),
             ("images", others.images),
             ("maps", others.maps),
+            ("networks", others.networks),
         ):
             report(name)
             result[name] = measured(settings.rounds)
         report("stream")
         result["stream"] = others.stream(settings.stream) if settings.stream else None
+    report("new processes")
+    result["starts"] = processes.starts(settings.starts) if settings.starts else []
+    report("reproductions")
+    result["reproductions"] = processes.reproductions(settings.reproductions)
     return result
-
-
-def turns(
-    work: Mapping[str, Callable[[], Any]], rounds: int, clock: Callable[[], float] = time.process_time
-) -> dict[str, list[float]]:
-    """Seconds of every piece of work, in turns."""
-    repeats = {}
-    for name, call in work.items():
-        call()
-        begin = clock()
-        call()
-        repeats[name] = max(1, int(_LEAST / max(clock() - begin, 1e-9)))
-    seconds: dict[str, list[float]] = {name: [] for name in work}
-    for _ in range(rounds):
-        for name, call in work.items():
-            begin = clock()
-            for _ in range(repeats[name]):
-                call()
-            seconds[name].append((clock() - begin) / repeats[name])
-    return seconds
-
-
-def quartiles(values: Iterable[float]) -> list[float]:
-    """Lower quartile, median, upper quartile."""
-    return [float(value) for value in np.quantile(list(values), [0.25, 0.5, 0.75])]
 
 
 @contextmanager
@@ -163,6 +166,19 @@ def _version(name: str) -> str | None:
         return None
 
 
+def _firsts(found: Sequence[Engine], arm: Arm) -> dict[tuple[str, str], float]:
+    """(engine, task) -> wall seconds of its first call, with one posture: what is built or compiled then."""
+    q = arm.robot.sample(1, seed=2)
+    seconds = {}
+    for engine in found:
+        for task in ("forward", "backward"):
+            if (call := getattr(engine, task)) is not None:
+                begin = time.perf_counter()
+                call(q)
+                seconds[engine.name, task] = time.perf_counter() - begin
+    return seconds
+
+
 def _errors(found: list[Engine], arm: Arm) -> dict[str, float]:
     """Largest difference from Pinocchio, over the arm's reach [m] or one, whichever is larger."""
     q = arm.robot.sample(1000, seed=1)
@@ -176,7 +192,13 @@ def _errors(found: list[Engine], arm: Arm) -> dict[str, float]:
 
 
 def _table(
-    arm: Arm, found: list[Engine], task: str, errors: Mapping[str, float], settings: Settings, report: Report
+    arm: Arm,
+    found: list[Engine],
+    task: str,
+    first: Mapping[tuple[str, str], float],
+    errors: Mapping[str, float],
+    settings: Settings,
+    report: Report,
 ) -> list[dict[str, Any]]:
     calls = {engine.name: getattr(engine, task) for engine in found if getattr(engine, task) is not None}
     most = {engine.name: engine.most if task == "backward" else math.inf for engine in found}
@@ -191,9 +213,7 @@ def _table(
             for name, call in calls.items()
             if expected[name] <= settings.longest and batch <= most[name]
         }
-        slow = sum(expected[name] for name in work)
-        rounds = max(3, min(settings.rounds, int(3 * settings.longest / slow) if slow else settings.rounds))
-        seconds = turns(work, rounds)
+        seconds = turns(work, settings.rounds, budget=4 * settings.longest)
         for name, taken in seconds.items():
             known[name] = float(np.median(taken))
             ratios = [a / b for a, b in zip(seconds[reference], taken, strict=True)] if reference in seconds else []
@@ -203,9 +223,10 @@ def _table(
                     "joints": arm.robot.n,
                     "engine": name,
                     "batch": batch,
-                    "rounds": rounds,
+                    "rounds": len(taken),
                     "seconds": quartiles(taken),
                     "speed_up": quartiles(ratios) if ratios else None,
+                    "first": first[name, task],
                     "error": errors[name],
                 }
             )
@@ -213,27 +234,56 @@ def _table(
     return rows
 
 
-def _in_threads(count: int, call: Callable[[Tensor], Any], q: Tensor) -> None:
-    torch.set_num_threads(count)
-    call(q)
-
-
 def _threads(arm: Arm, found: list[Engine], settings: Settings) -> list[dict[str, Any]]:
     """One thread against two, wall time."""
     rows = []
-    q = arm.robot.sample(100_000, seed=2)
     for engine in (engine for engine in found if engine.threads):
-        work = {str(count): partial(_in_threads, count, engine.forward, q) for count in (1, 2)}
-        seconds = turns(work, min(settings.rounds, 9), clock=time.perf_counter)
-        torch.set_num_threads(1)
+        with _calls_in_threads(arm, engine) as work:
+            seconds = turns(work, min(settings.rounds, 7), clock=time.perf_counter, budget=settings.longest)
         rows.append(
             {
                 "robot": arm.name,
                 "engine": engine.name,
-                "batch": len(q),
+                "batch": _BATCH,
                 "one": quartiles(seconds["1"]),
                 "two": quartiles(seconds["2"]),
                 "speed_up": quartiles(a / b for a, b in zip(seconds["1"], seconds["2"], strict=True)),
             }
         )
     return rows
+
+
+@contextmanager
+def _calls_in_threads(arm: Arm, engine: Engine) -> Iterator[dict[str, Callable[[], Any]]]:
+    """Calls by number of threads; where that is fixed in a process, each in a process of its own."""
+    with ExitStack() as stack:
+        if engine.fixed:
+            spawn = multiprocessing.get_context("spawn")
+            pools = {str(count): stack.enter_context(ProcessPoolExecutor(1, spawn)) for count in (1, 2)}
+
+            def ask(count: str) -> None:
+                pools[count].submit(_work, arm.name, engine.name, int(count)).result()
+
+            yield {count: partial(ask, count) for count in pools}
+        else:
+            q = arm.robot.sample(_BATCH, seed=2)
+            stack.callback(torch.set_num_threads, torch.get_num_threads())
+            yield {str(count): partial(_in_threads, count, engine.forward, q) for count in (1, 2)}
+
+
+def _in_threads(count: int, call: Callable[[Tensor], Any], q: Tensor) -> None:
+    torch.set_num_threads(count)
+    call(q)
+
+
+def _work(arm: str, engine: str, threads: int) -> None:
+    """What a process of :func:`_calls_in_threads` is asked, again and again."""
+    _prepared(arm, engine, threads)()
+
+
+@functools.lru_cache(1)
+def _prepared(arm_name: str, engine_name: str, threads: int) -> Callable[[], Any]:
+    torch.set_num_threads(threads)
+    arm = next(arm for arm in arms() if arm.name == arm_name)
+    engine = next(engine for engine in engines(arm) if engine.name == engine_name)
+    return partial(engine.forward, arm.robot.sample(_BATCH, seed=2))

@@ -1,9 +1,9 @@
-"""What else costs time: long chains, hand images, maps, streams."""
+"""What else costs time: long chains, hand images, maps, networks, streams."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -14,6 +14,7 @@ from torch import Tensor
 
 from bodyimage_kin._embodiment_file import load_embodiment
 from bodyimage_kin.backends import kinematics
+from bodyimage_kin.bench.timing import quartiles, turns
 from bodyimage_kin.robot import Robot
 
 _BATCH = 10_000
@@ -21,8 +22,6 @@ _BATCH = 10_000
 
 def growth(rounds: int) -> list[dict[str, Any]]:
     """Seconds a posture: by batch, by moving joints, by fixed links between seven joints."""
-    from bodyimage_kin.bench.measure import quartiles, turns
-
     rows = []
     cases = [("batch", batch, 7, 0, batch) for batch in (1, 10, 100, 1000, 10_000, 100_000)]
     cases += [("joints", joints, joints, 0, _BATCH) for joints in (1, 2, 4, 8, 16, 32, 64)]
@@ -37,8 +36,6 @@ def growth(rounds: int) -> list[dict[str, Any]]:
 
 def images(rounds: int) -> list[dict[str, Any]]:
     """The image Jacobian in one pass, by torch formulas from poses and Jacobians, and a 6 x n Jacobian alone."""
-    from bodyimage_kin.bench.measure import quartiles, turns
-
     fused, plain = load_embodiment("infant", backend="numba"), load_embodiment("infant", backend="numba")
     # What is cached there is what would be built: None means that nothing does it in one pass.
     plain.__dict__["_sight"] = None
@@ -52,10 +49,13 @@ def images(rounds: int) -> list[dict[str, Any]]:
 
 
 def maps(rounds: int) -> list[dict[str, Any]]:
-    """Online steps of a 21 x 21 map in two dimensions, beside MiniSom's."""
+    """Online steps of a 21 x 21 map in two dimensions, beside MiniSom's.
+
+    The touch names the winner on the body image's maps; MiniSom searches for it. Its update alone, with winners given,
+    is as much work as ours on one map; ours is on two.
+    """
     from minisom import MiniSom
 
-    from bodyimage_kin.bench.measure import quartiles, turns
     from bodyimage_kin.body_image import BodyImage
     from bodyimage_kin.body_image.posture_som import PostureSOM
 
@@ -70,17 +70,31 @@ def maps(rounds: int) -> list[dict[str, Any]]:
     )
     postures = PostureSOM.fit(q, seed=0)
 
-    def minisom() -> None:
-        som = MiniSom(21, 21, 2, sigma=4.0, learning_rate=0.3, random_seed=0)
-        som.train(image, steps)
+    touched = dict(enumerate(divmod(taxel, 21) for taxel in experience.taxel.values[0].tolist()))
 
-    work = {
-        "both maps of the body image (21 x 21 and 8 x 8)": lambda: BodyImage.learn(
+    def minisom(winners: dict[int, tuple[int, int]] | None = None) -> None:
+        MiniSom(21, 21, 2, sigma=4.0, learning_rate=0.3, random_seed=0).train(image, steps, fixed_points=winners)
+
+    work: dict[str, Callable[[], Any]] = {
+        "both maps of the body image (21 x 21 and 8 x 8), winners given": lambda: BodyImage.learn(
             experience, image[None], seed=0, posture_som=postures
         ),
-        "MiniSom (21 x 21)": minisom,
+        "MiniSom (21 x 21), winners searched": minisom,
+        "MiniSom (21 x 21), winners given": partial(minisom, touched),
     }
     return [{"what": name, "steps": steps, "seconds": quartiles(taken)} for name, taken in turns(work, rounds).items()]
+
+
+def networks(rounds: int) -> list[dict[str, Any]]:
+    """The paper's network on its visible circle, a hundred seeds of 500 descent steps."""
+    from bodyimage_kin.estimators import PaperMLP
+    from bodyimage_kin.recordings import experience, simulate
+
+    felt = experience(simulate.circle(load_embodiment("infant", backend="numba"), seed=0))
+    seeds = range(100)
+    fit = partial(PaperMLP(steps=500).fit_many, [felt] * len(seeds), seeds)
+    what = f"the paper's network: {len(seeds)} seeds, {felt.sizes['time'] - 1} samples"
+    return [{"what": what, "steps": 500, "seconds": quartiles(turns({"fit": fit}, rounds, budget=10.0)["fit"])}]
 
 
 def stream(postures: int) -> dict[str, Any]:

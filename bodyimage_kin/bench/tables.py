@@ -10,6 +10,7 @@ from typing import Any
 from bodyimage_kin._files import write_text
 
 _NOT_DRAWN = ("numba, out=", "Pinocchio, whole robot")
+_ORACLE = "Pinocchio, arm alone"
 COMMAND = "python comparisons/speed/run.py"
 
 
@@ -45,13 +46,20 @@ def markdown(result: Mapping[str, Any]) -> str:
         "Pose and 6 x n Jacobian in float64. One thread is measured in processor time, engines in turns within one "
         "process; medians, quartiles in brackets. Times as fast: over pytorch-kinematics in the same turn. Error: "
         "largest difference from Pinocchio over 1000 postures, relative to the reach (at least 1 m). "
-        "pytorch-kinematics is taken as it comes, and reads the URDF's numbers in float32.",
+        "pytorch-kinematics is taken as it comes, and reads the URDF's numbers in float32. First: the first call, wall "
+        "time; frax compiles as long again for each other size of batch.",
     ]
     for task, title in (("forward", "Pose and Jacobian"), ("backward", "Pose and Jacobian, and their gradient")):
         lines += ["", f"## {title}"]
         for robot in dict.fromkeys(row["robot"] for row in result[task]):
             lines += ["", *_robot_table([row for row in result[task] if row["robot"] == robot])]
-    lines += ["", "## Two threads", "", "Batches of 100,000; quiet cores are needed for these.", ""]
+    lines += [
+        "",
+        "## Two threads",
+        "",
+        "Batches of 100,000, wall time; quiet cores are needed for these. Aim: numba 1.6 times as fast.",
+        "",
+    ]
     rows = [
         [row["robot"], row["engine"], *(_time(row[count][1]) for count in ("one", "two")), _spread(row["speed_up"])]
         for row in result["threads"]
@@ -63,10 +71,10 @@ def markdown(result: Mapping[str, Any]) -> str:
         for row in result["growth"]
     ]
     lines += _grid(["by", "number", "a posture", "quartiles"], rows)
-    lines += ["", "## Hand images and maps", ""]
+    lines += ["", "## Hand images, maps and networks", "", "One thread, processor time.", ""]
     rows = [
         [row["what"], str(row.get("batch", row.get("steps"))), _time(row["seconds"][1]), _range(row["seconds"])]
-        for row in (*result["images"], *result["maps"])
+        for row in (*result["images"], *result["maps"], *result["networks"])
     ]
     lines += _grid(["what", "postures or steps", "time", "quartiles"], rows)
     if (stream := result["stream"]) is not None:
@@ -77,6 +85,16 @@ def markdown(result: Mapping[str, Any]) -> str:
             f"{stream['processor_seconds']:.1f} s of processor time ({speed:.0f} million a second), "
             "in constant memory.",
         ]
+    if waits := [*result["starts"], *result["reproductions"]]:
+        lines += ["", "## New processes", "", "Wall time of new processes; reproductions have one a core.", ""]
+        rows = [
+            [
+                *(row["what"], str(row["rounds"]), _time(row["seconds"][1]), _range(row["seconds"])),
+                f"under {_time(row['aim'])}" if row["aim"] else "",
+            ]
+            for row in waits
+        ]
+        lines += _grid(["what", "times", "median", "quartiles", "aim"], rows)
     return "\n".join(lines) + "\n"
 
 
@@ -93,10 +111,10 @@ def _robot_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
                 continue
             faster = f", {_spread(row['speed_up'])}" if row["speed_up"] else ""
             line.append(_time(row["seconds"][1]) + faster)
-        error = next(row["error"] for row in rows if row["engine"] == engine)
-        lines.append([*line, f"{error:.0e}"])
+        any_row = next(row for row in rows if row["engine"] == engine)
+        lines.append([*line, _time(any_row["first"]), f"{any_row['error']:.0e}"])
     heads = [f"batch {batch:,}: time, times as fast" for batch in batches]
-    return _grid([f"{rows[0]['robot']} ({rows[0]['joints']} joints)", *heads, "error"], lines)
+    return _grid([f"{rows[0]['robot']} ({rows[0]['joints']} joints)", *heads, "first", "error"], lines)
 
 
 def _grid(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -130,7 +148,8 @@ def _plot(result: Mapping[str, Any], folder: Path) -> None:
     engines = [name for name in dict.fromkeys(row["engine"] for row in rows) if name not in _NOT_DRAWN]
     with style():
         figure = new_figure(DOUBLE_COLUMN, DOUBLE_COLUMN / 2.6)
-        looks = appearances(engines)
+        looks = appearances(name for name in engines if name != _ORACLE)
+        looks[_ORACLE] = appearances(["truth"])["truth"]
         panels = figure.subplots(1, len(robots), sharey=True, squeeze=False)[0]
         for axes, robot in zip(panels, robots, strict=True):
             for engine in engines:
