@@ -212,10 +212,10 @@ def _step(J: Floats, wanted: Floats, damping: float) -> Float[np.ndarray, "k p"]
     """The damped least-squares change of the joints for a wanted change of the image; none for a zero Jacobian."""
     size = np.sqrt(np.einsum("kij,kij->k", J, J) / J.shape[1])[:, None, None]
     # Scaled first, so that neither a tiny nor a huge estimate meets the damping as anything but itself.
-    J = np.where(size > 0, J / size, 0)
+    J = np.where(size == 0, 0, J / size)
     gram = np.einsum("kip,kjp->kij", J, J) + damping**2 * np.eye(J.shape[1])
     pull = np.linalg.solve(gram, wanted[..., None])[..., 0]
-    return np.asarray(np.einsum("kip,ki->kp", J, pull) / np.where(size > 0, size, 1)[:, 0])
+    return np.asarray(np.einsum("kip,ki->kp", J, pull) / np.where(size == 0, 1, size)[:, 0])
 
 
 def _step_within(J: Floats, wanted: Floats, q: Floats, limits: tuple[Floats, Floats]) -> Float[np.ndarray, "k p"]:

@@ -137,6 +137,25 @@ def test_nothing_happens_where_the_hand_has_no_image():
 def test_an_estimate_that_is_not_finite_diverges():
     found = run(lambda q: np.full((len(q), 2, 3), np.nan))
     np.testing.assert_array_equal(found.converged, 0)
+    # Near enough is not enough when the next step is unknown.
+    near = image(GOALS[:1])
+    blind = run(
+        lambda q: np.where(np.linalg.norm(image(q) - near, axis=-1)[:, None, None] < 5e-4, np.nan, jacobian(q)),
+        GOALS[:1],
+    )
+    np.testing.assert_array_equal(blind.converged, 0)
+
+
+@pytest.mark.parametrize(("field", "at_most"), [(lambda q: 0 * jacobian(q), 1), (jacobian, 45)])
+def test_what_is_settled_is_not_asked_again(field, at_most):
+    asked = []
+
+    def counted(q):
+        asked.append(len(q))
+        return field(q)
+
+    run(counted)
+    assert len(asked) <= at_most
 
 
 def test_goals_do_not_know_of_each_other(monkeypatch):
