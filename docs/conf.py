@@ -23,15 +23,15 @@ author = "The bodyimage_kin developers"
 copyright = author
 release = version = metadata.version("bodyimage-kin")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_gallery.gen_gallery"]
 html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "examples"]
 html_theme = "furo"
 html_title = "bodyimage_kin"
 html_static_path = ["_static"]
-html_css_files = ["tables.css"]
+html_css_files = ["tables.css", "gallery.css"]
 html_copy_source = False
 pygments_style, pygments_dark_style = "friendly", "native"
 
@@ -46,6 +46,23 @@ autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
+
+# The examples run at every build, for what they show depends on the package as well, and leave no times on the pages.
+sphinx_gallery_conf = {
+    "examples_dirs": "examples",
+    "gallery_dirs": "gallery",
+    "within_subsection_order": "FileNameSortKey",
+    "run_stale_examples": True,
+    "capture_repr": (),
+    "image_srcset": ["2x"],
+    "doc_module": "bodyimage_kin",
+    "reference_url": {"bodyimage_kin": None},
+    "notebook_extensions": set(),
+    "download_all_examples": False,
+    "write_computation_times": False,
+    "min_reported_time": 1e9,
+    "show_signature": False,
+}
 
 nitpicky = True
 # Types in signatures need no page: those of other libraries, jaxtyping's shapes, helpers of our own. Names that pages

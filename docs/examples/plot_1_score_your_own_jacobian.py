@@ -1,0 +1,69 @@
+"""
+Score your own Jacobian
+=======================
+
+You held the hand 3 cm in front of the nose, moved one joint after the other a little, and saw how far the hand moved in
+the image. That gave you one matrix, and you use it everywhere. How wrong is it on the face, where the hand cannot be
+seen, and why?
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import bodyimage_kin as bk
+from bodyimage_kin.report import style
+
+body = bk.load_embodiment("infant")
+posture = body.touch_postures([body.skin.landmarks["nose"]], distance=0.03)[0].numpy()
+steps = 0.05 * np.eye(body.p)  # [rad], one joint at a time
+seen = body.hand_image(posture + steps).numpy() - body.hand_image(posture).numpy()
+seen += np.random.default_rng(0).normal(0.0, 0.0002, seen.shape)  # an eye that is 0.2 mm off
+measured = np.linalg.solve(steps, seen).T
+
+
+def my_jacobian(q):
+    """Yours, whatever it is: from one posture, (p,) [rad], to a Jacobian, (2, p) [m/rad]."""
+    return measured
+
+
+# %%
+# Ask it at every posture in which the hand touches the face, and hold the answers against the analytic truth. Joints
+# count as much as they move in touching: this is the metric that ``excitation`` takes from a recording of touches.
+
+q = body.touch_postures(range(body.skin.count))  # (441, p), one posture a taxel
+true = body.hand_image_jacobian(q)
+mine = np.stack([my_jacobian(one) for one in q.numpy()])
+
+touch = bk.simulate.random_touch(body, seed=0, duration=60.0)
+excitation = bk.metrics.excitation(steps, touch.true_q.diff("time").values)
+parts = bk.metrics.attribute(true, mine, excitation.metric, excitation.projector())
+for name in ("depth", "mean_excited", "mean_unexcited", "variation", "total"):
+    print(f"{name:15s} {getattr(parts, name):.3f} of the squared relative error")
+
+# %%
+# Left, the error at each taxel. Then what is left of it once the matrix is scaled by the one number that helps most.
+# Right, the squared error over the whole face as the sum of its parts.
+
+figure, (*faces, bars) = plt.subplots(1, 3, figsize=(8.5, 3.3), layout="constrained")
+jacobians = {"as measured": mine, f"times {parts.scale:.2f}": parts.scale * mine}
+for axes, (title, jacobian) in zip(faces, jacobians.items(), strict=True):
+    errors = bk.metrics.jacobian_errors(true, jacobian, metric=excitation.metric)
+    grid = errors.relative_error.values.reshape(body.skin.shape)
+    face = axes.imshow(grid, cmap="cividis", vmin=0, vmax=0.8)
+    for name, taxel in body.skin.landmarks.items():
+        row, column = divmod(taxel, body.skin.shape[1])
+        axes.plot(column, row, **style.landmark(name), label=style.label(name))
+    axes.set(title=title, xlabel="column of taxels", ylabel="row of taxels")
+figure.colorbar(face, ax=faces, shrink=0.8, label="relative error")
+figure.legend(*faces[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
+names = ["depth", "mean,\nexcited", "mean,\nunexcited", "variation"]
+sizes = [parts.depth, parts.mean_excited, parts.mean_unexcited, parts.variation]
+bars.barh(names, sizes, color="#4aa8e0", edgecolor="black")
+bars.set(title="why", xlabel="squared relative error")
+bars.invert_yaxis()
+plt.show()
+
+# %%
+# Most of it is *depth*: the matrix was measured farther from the eye than it is used, so what it foresees is too small,
+# and no single eye could know by how much. What one factor cannot mend is mostly *variation*: it differs from taxel
+# to taxel, and no constant matrix can follow.
