@@ -32,3 +32,26 @@ def write(
     from bodyimage_kin.report import study_page
 
     return study_page.write(results, Path(path), baseline, atlas)
+
+
+def publish(results: xr.Dataset, folder: str | os.PathLike[str], *, baseline: str | None = None) -> Path:
+    """Writes what a published comparison consists of, beside its config and its findings.
+
+    ``results.json`` has every number, ``table.md`` the ones to be read, ``errors.svg`` and ``errors.png`` the errors at
+    every probe.
+
+    Args:
+        results: Of :meth:`bodyimage_kin.Study.run`.
+        folder: Made when missing.
+        baseline: Name of the estimator that others are compared with; None: the first.
+
+    Returns:
+        The table's path.
+
+    Raises:
+        UnknownName: No such estimator.
+        InvalidConfig: Results without ``relative_error_use``.
+    """
+    from bodyimage_kin.report import publication
+
+    return publication.write(results, Path(folder), baseline)

@@ -1,0 +1,80 @@
+"""Laws of a study as a published comparison."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import bodyimage_kin as bk
+from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.report import error_figures
+
+ESTIMATORS = ["analytic", "least_squares", "rational_trig"]
+PROBES = ["on_circle", "on_face"]
+SEEDS = 6
+
+
+@pytest.fixture
+def results():
+    """Two motions; rational_trig errs half as much as least squares in every recording."""
+    draw = np.random.default_rng(0).uniform(0.5, 0.7, (1, 2, 1, SEEDS, 2))
+    errors = draw * np.array([0.0, 1.0, 0.5])[:, None, None]
+    dims = ("embodiment", "recording", "estimator", "seed", "probe")
+    parts = errors[..., None] ** 2 * np.array([0.4, 0.0, 0.0, 0.6])
+    return xr.Dataset(
+        {
+            "relative_error_use": (dims, errors),
+            "attribution": ((*dims, "part"), parts),
+            "displacement_error": (dims[:4], errors[..., 1]),
+            "failure": (dims[:4], np.full(errors.shape[:4], "", dtype=object)),
+        },
+        {
+            "embodiment": ["infant"], "recording": ["noise_free", "noisy"], "estimator": ESTIMATORS,
+            "seed": range(SEEDS), "probe": PROBES, "part": ["depth", "mean_excited", "mean_unexcited", "variation"],
+        },
+        {"versions": json.dumps({"numpy": "1.2.3"})},
+    )  # fmt: skip
+
+
+def test_numbers_are_means_and_paired_ratios(results, tmp_path):
+    bk.report.publish(results, tmp_path, baseline="least_squares")
+    numbers = json.loads((tmp_path / "results.json").read_text())
+    row = numbers["scores"]["noisy"]["rational_trig"]
+    errors = results["relative_error_use"].sel(recording="noisy", estimator="rational_trig", probe="on_face")
+    assert row["relative_error_use"]["on_face"]["mean"] == pytest.approx(float(errors.mean()), rel=1e-3)
+    assert row["relative_error_use"]["on_face"]["recordings"] == SEEDS
+    assert row["ratio"]["on_face"]["ratio"] == pytest.approx(0.5)
+    assert row["attribution"]["on_face"]["variation"] == pytest.approx(0.6 * float((errors**2).mean()), rel=1e-3)
+    # The truth has no ratio, and the baseline none to itself.
+    assert "ratio" not in numbers["scores"]["noisy"]["analytic"]
+    assert "ratio" not in numbers["scores"]["noisy"]["least_squares"]
+
+
+def test_the_table_begins_with_the_smallest_error(results, tmp_path):
+    lines = bk.report.publish(results, tmp_path, baseline="least_squares").read_text().splitlines()
+    rows = [line for line in lines if line.startswith("| ")]
+    assert [row.split(" | ")[0].strip("| ") for row in rows[:5]] == [
+        "estimator", "---", "analytic Jacobian", "rational trigonometric", "least squares",
+    ]  # fmt: skip
+    assert "0.500 [0.500, 0.500]" in rows[3]
+    assert "numpy 1.2.3" in lines[-1]
+
+
+def test_scores_that_failed_leave_gaps(results, tmp_path):
+    results["relative_error_use"].loc[{"estimator": "rational_trig", "recording": "noisy"}] = np.nan
+    results["failure"].loc[{"estimator": "rational_trig", "recording": "noisy"}] = "it broke"
+    bk.report.publish(results, tmp_path, baseline="least_squares")
+    numbers = json.loads((tmp_path / "results.json").read_text())
+    assert numbers["scores"]["noisy"]["rational_trig"]["relative_error_use"]["on_face"]["mean"] is None
+    assert numbers["failures"][0]["failure"] == "it broke"
+    assert (tmp_path / "errors.svg").stat().st_size > 5000
+
+
+def test_refuses_what_is_no_comparison(results, tmp_path):
+    with pytest.raises(UnknownName, match="nobody"):
+        bk.report.publish(results, tmp_path, baseline="nobody")
+    with pytest.raises(InvalidConfig, match="relative_error_use"):
+        bk.report.publish(results.drop_vars("relative_error_use"), tmp_path)
+    with pytest.raises(InvalidConfig, match="probes"):
+        error_figures.by_probe({"noisy": {}}, ["a", "b", "c", "d", "e"])
