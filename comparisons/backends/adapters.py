@@ -7,8 +7,6 @@ library cannot read, joints that it forgets and digits that it loses are what th
 from __future__ import annotations
 
 import io
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -74,33 +72,45 @@ class RawYourdfpy:
 class RawFrax:
     """frax (JAX): frames of moving joints, with Jacobians by JAX's forward derivative of them.
 
-    It fuses links behind fixed joints, so of those it has no frame.
+    It fuses links behind fixed joints, and expects of its users where those are in the frame before: given here. So is
+    an inertia for each link, without which it reads no robot. It knows no followers; those stay at zero.
     """
 
     def __init__(self, urdf: str) -> None:
-        import jax
-        from frax.core.robot import Robot
+        from bodyimage_kin.bench import _frax
 
-        jax.config.update("jax_enable_x64", True)
         robot = bk.Robot.from_urdf(urdf)
         self.joint_names = robot.joint_names
-        self._joint_above = {joint.child: joint.name for joint in robot.tree.joints if joint.kind != "fixed"}
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "robot.urdf")
-            path.write_text(urdf, encoding="utf-8")
-            self._robot = Robot(str(path))
-        self._column = {name: index for index, name in enumerate(self.joint_names)}
-        self._derivative = jax.jit(jax.jacfwd(self._robot.joint_to_world_transforms))
+        self._above = {joint.child: joint for joint in robot.tree.joints}
+        self._truth = bk.kinematics(robot, "pinocchio")
+        self._robot = _frax.load(_frax.with_inertia(urdf), "Robot") if robot.n else None
+
+        import jax
+
+        if self._robot is not None:
+            self._order = [
+                robot.joint_names.index(name) if name in robot.joint_names else None for name in self._robot.joint_names
+            ]
+            frames = self._robot.joint_to_world_transforms
+            self._frames = jax.jit(lambda q: (frames(q), jax.jacfwd(frames)(q)))
 
     def pose_and_jacobian(self, q: np.ndarray, link: str) -> tuple[np.ndarray, np.ndarray]:
-        """By the frame of the joint above the link."""
-        order = [self._column.get(name) for name in self._robot.joint_names]
-        values = np.array([0.0 if column is None else q[column] for column in order])
-        frame = list(self._robot.joint_names).index(self._joint_above[link])
-        pose = np.asarray(self._robot.joint_to_world_transforms(values))[frame]
-        derivative = np.moveaxis(np.asarray(self._derivative(values))[frame], -1, 0)
+        """By the frame of the moving joint above the link."""
+        import jax
+
+        moving = link
+        while moving in self._above and self._above[moving].kind == "fixed":
+            moving = self._above[moving].parent
+        home = np.zeros(len(q))
+        offset = np.linalg.solve(self._truth.pose(home, moving).numpy(), self._truth.pose(home, link).numpy())
         jacobian = np.zeros((6, len(q)))
-        for column, rate in zip(order, derivative, strict=True):
+        if moving not in self._above:
+            return offset, jacobian
+        frame = list(self._robot.joint_names).index(self._above[moving].name)
+        with jax.enable_x64(True):
+            every, rates = self._frames(np.array([0.0 if column is None else q[column] for column in self._order]))
+        pose = np.asarray(every)[frame] @ offset
+        for column, rate in zip(self._order, np.moveaxis(np.asarray(rates)[frame], -1, 0) @ offset, strict=True):
             if column is not None:
                 spin = rate[:3, :3] @ pose[:3, :3].T
                 jacobian[:, column] = [*rate[:3, 3], spin[2, 1], spin[0, 2], spin[1, 0]]

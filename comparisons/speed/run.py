@@ -1,6 +1,6 @@
 """Speed and accuracy of kinematics engines, written beside this file: ``python comparisons/speed/run.py``.
 
-Some minutes on a quiet machine; ``--quick`` for a first look.
+A quarter of an hour on a quiet machine; ``--quick`` for a first look.
 """
 
 from __future__ import annotations

@@ -94,6 +94,7 @@ def test_dear_work_gets_three_turns_and_no_more_once_the_budget_is_spent() -> No
     assert timing.turns({"dear": work}, 2, lambda: now, budget=0.0)["dear"] == [2.0] * 2
 
 
+@pytest.mark.slow
 def test_frax_is_one_thread_or_two_in_processes_of_their_own() -> None:
     pytest.importorskip("frax")
     arm = next(iter(arms()))
