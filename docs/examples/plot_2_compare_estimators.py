@@ -15,7 +15,7 @@ body = bk.load_embodiment("infant")
 recording = bk.simulate.circle(
     body,
     seed=0,
-    drag=bk.simulate.DragSettings(torque_variance=0.01),  # the paper's noise, which shakes the arm
+    drag=bk.simulate.DragSettings(torque_variance=0.01),  # the paper's noise
     encoder_noise=0.001,  # [rad]
     image_noise=0.0002,  # [m]
 )
@@ -25,7 +25,7 @@ estimators = {
     "gaussian_process": bk.estimators.GaussianProcess(),
     "trig_ridge": bk.estimators.TrigRidge(),
     "rational_trig": bk.estimators.RationalTrig(),
-    "self_calibration": bk.estimators.SelfCalibration(body),  # knows that it is a chain of joints
+    "self_calibration": bk.estimators.SelfCalibration(body),  # knows the structure, no measures
 }
 
 # %%
@@ -63,13 +63,12 @@ for axes, (probe, q) in zip(panels, probes.items(), strict=True):
         left = 0.0
         for part, look in looks.items():
             size = getattr(found, part)
-            axes.barh(style.label(name), size, left=left, edgecolor="black", label=part, **look)
+            axes.barh(style.label(name), size, left=left, edgecolor="black", **look)
             left += size
     axes.set(title=style.label(probe), xlabel="squared relative error", xlim=(0, 0.36))
 panels[0].invert_yaxis()
-handles, _ = panels[0].get_legend_handles_labels()
 parts = [part.replace("_", ", ") for part in looks]
-figure.legend(handles[:4], parts, loc="outside upper center", ncols=4)
+figure.legend(panels[0].containers[:4], parts, loc="outside upper center", ncols=4)
 plt.show()
 
 # %%

@@ -62,9 +62,10 @@ study = bk.Study(
     seeds=4,
 )
 with tempfile.TemporaryDirectory() as store:
-    errors = study.run(store, "in-process").relative_error_use.isel(embodiment=0, recording=0)
+    errors = study.run(store, "in-process").relative_error_use.squeeze()
 print(errors.mean("seed").to_pandas().round(3))
 
+# %%
 looks = style.appearances(ours) | {"yours": {"color": "black", "marker": "^"}}
 probes = [style.label(probe) for probe in errors.probe.values]
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
@@ -76,5 +77,4 @@ axes.legend()
 plt.show()
 
 # %%
-# Where the hand was seen, the idea halves the error, in every recording. On the face it gains next to nothing over one
-# constant matrix, and the paper's network does better.
+# Where the hand was seen, the idea halves the error. On the face it gains next to nothing over a constant matrix.

@@ -25,18 +25,20 @@ dq_touch = touch.true_q.diff("time").values
 
 # %%
 # An eigenvalue is the mean squared motion along one direction, the circle's over that of touching. A direction of less
-# than a tenth does not count as excited. Printed with the weakest: the error of least squares, and two parts of it.
+# than a tenth does not count as excited. Printed with the weakest: the squared relative error of least squares on the
+# face, and two parts of it.
 
 excitations = {}
 q = body.touch_postures(range(body.skin.count))
 true = body.hand_image_jacobian(q)
 for name, settings in designs.items():
     circle = bk.simulate.circle(body, seed=0, **settings)
-    found = excitations[name] = bk.metrics.excitation(circle.true_q.diff("time").values, dq_touch)
+    dq_circle = circle.true_q.diff("time").values
+    found = excitations[name] = bk.metrics.excitation(dq_circle, dq_touch)
     learned = bk.estimators.LeastSquares().fit(bk.experience(circle))
     parts = bk.metrics.attribute(true, learned.jacobian(q), found.metric, found.projector())
-    print(f"{name:20s} weakest eigenvalue {found.eigenvalues[-1]:.3f}, squared error", end=" ")
-    print(f"{parts.total:.2f} on the face: {parts.mean_unexcited:.2f} unexcited, {parts.depth:.2f} depth")
+    print(f"{name:20s} weakest {found.eigenvalues[-1]:.3f};", end=" ")
+    print(f"error {parts.total:.2f}, unexcited {parts.mean_unexcited:.2f}, depth {parts.depth:.2f}")
 
 # %%
 # Left, the eigenvalues of each design. Right, the weakest direction of the paper's circle as joint motion, which is

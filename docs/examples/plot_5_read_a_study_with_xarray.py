@@ -29,9 +29,9 @@ study = bk.Study(
     probes={name: name for name in ("on_circle", "in_front", "on_face")},
     seeds=5,
 )
-with tempfile.TemporaryDirectory() as store:  # in earnest one that stays: nothing is done twice
+with tempfile.TemporaryDirectory() as store:  # in earnest, one that stays
     results = study.run(store, "in-process")  # without this, one process for each processor
-print(dict(results.sizes))
+print(*results.sizes)
 
 # %%
 # Select by name, reduce by name: errors on the face, and how much of the squared error is depth.
@@ -48,6 +48,7 @@ ratios = compare(results, "relative_error_use", baseline="least_squares")
 on_face = ratios[["ratio", "lower", "upper"]].sel(probe="on_face", drop=True)
 print(on_face.to_dataframe().round(3))
 
+# %%
 figure, panels = plt.subplots(1, 2, sharey=True, figsize=(8.5, 3.6), layout="constrained")
 looks = {
     "paper_mlp": {"color": "#c2407e", "marker": "o", "label": "paper's network"},
@@ -60,7 +61,7 @@ for axes, recording in zip(panels, ratios.recording.values, strict=True):
         reach = [one.ratio - one.lower, one.upper - one.ratio]
         axes.errorbar(places, one.ratio, reach, **look, linestyle="", capsize=3)
     axes.axhline(1.0, color="0.4", linewidth=0.8, linestyle="--", label="least squares")
-    axes.set_xticks(range(one.sizes["probe"]), [style.label(probe) for probe in one.probe.values])
+    axes.set_xticks(range(one.sizes["probe"]), map(style.label, one.probe.values))
     axes.set(title=f"{recording} recordings", xlim=(-0.5, 2.5))
 panels[0].set(ylabel="error over that of least squares", ylim=(0, 1.2))
 figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
