@@ -7,13 +7,16 @@ reader might take for a score.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
 from bodyimage_kin.report import style
@@ -55,8 +58,10 @@ def attribution_bars(parts: Mapping[str, Mapping[str, Mapping[str, float]]]) -> 
     top = max(float(bar.sum()) for of in heights.values() for bar in of.values())
     columns = {1: 1, 2: 2, 4: 2}.get(len(parts), 3)
     rows = math.ceil(len(parts) / columns)
+    # The legend takes five rows in a single column, two across the page.
     figure = style.new_figure(
-        style.DOUBLE_COLUMN if columns > 1 else style.SINGLE_COLUMN, 0.75 + rows * (0.4 + 0.24 * len(estimators))
+        style.DOUBLE_COLUMN if columns > 1 else style.SINGLE_COLUMN,
+        (0.75 if columns > 1 else 1.25) + rows * (0.4 + 0.24 * max(2, len(estimators))),
     )
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for index, (axes, (condition, of)) in enumerate(zip(grid.flat, heights.items(), strict=False)):
@@ -210,6 +215,80 @@ def posture_map(maps: Mapping[str, ArrayLike], true_map: ArrayLike) -> Figure:
     ]
     legend_above(figure, handles, columns=3 if columns > 1 else 1)
     return figure
+
+
+@style.style()
+def score_chain(scores: Mapping[str, Mapping[str, ArrayLike]], *, named: Collection[str] | None = None) -> Figure:
+    """Each score of a chain against the one before it, a point a cell.
+
+    Args:
+        scores: What each axis says -> estimator -> (cells,) values; what drives the others comes first. Of an
+            estimator, a cell has the same place on every axis; NaN, or a value that is not positive, has no point.
+        named: Estimators that are told apart, at most six without a role; the others are grey. None: all.
+
+    Returns:
+        A panel of logarithmic axes for each link of the chain.
+
+    Raises:
+        InvalidConfig: Fewer than two scores, no estimator, or more than can be told apart.
+        InvalidArray: Estimators, or their cells, that are not the same on every axis.
+    """
+    axes_of = list(scores)
+    estimators = list(scores[axes_of[0]]) if axes_of else []
+    if len(axes_of) < 2 or not estimators:
+        raise InvalidConfig("scores must hold at least two scores with one estimator, what drives the others first")
+    looks = style.appearances(estimators if named is None else [name for name in estimators if name in named])
+    cells: dict[str, dict[str, np.ndarray]] = {name: {} for name in estimators}
+    for axis, of in scores.items():
+        if list(of) != estimators:
+            raise InvalidArray(f"{axis!r} has estimators {', '.join(of)}; give {', '.join(estimators)} on every axis")
+        for name, values in of.items():
+            count = len(next(iter(cells[name].values()))) if cells[name] else None
+            given = numbers(values, f"{axis!r} of {name!r}", count)
+            cells[name][axis] = np.where(given > 0, given, np.nan)
+    figure = style.new_figure(style.DOUBLE_COLUMN, 3.1)
+    panels = figure.subplots(1, len(axes_of) - 1, squeeze=False)[0]
+    for panel, (source, target) in zip(panels, pairwise(axes_of), strict=True):
+        for name in sorted(estimators, key=lambda name: name in looks):
+            look = looks.get(name, style.Appearance(color="0.75", linestyle="", marker="."))
+            panel.plot(
+                cells[name][source],
+                cells[name][target],
+                color=look["color"],
+                marker=look["marker"],
+                linestyle="",
+                markersize=4.0,
+                markeredgewidth=0.0,
+                alpha=0.85,
+            )
+        panel.set(xlabel=source, ylabel=target)
+        for axis, values in (("x", source), ("y", target)):
+            _logarithmic(panel, axis, np.concatenate([cells[name][values] for name in estimators]))
+    letters(panels)
+    handles: list[Any] = [
+        Line2D(
+            [], [], color=look["color"], marker=look["marker"], linestyle="", markersize=3.6, label=style.label(name)
+        )
+        for name, look in looks.items()
+    ]
+    if len(looks) < len(estimators):
+        handles.append(Line2D([], [], color="0.75", marker=".", linestyle="", label="others"))
+    legend_above(figure, handles)
+    return figure
+
+
+def _logarithmic(panel: Axes, axis: str, values: np.ndarray) -> None:
+    """A logarithmic axis whose ticks are plain numbers, enough of them also within one decade."""
+    there = values[np.isfinite(values)]
+    if not there.size:
+        return
+    (panel.set_xscale if axis == "x" else panel.set_yscale)("log")
+    of = panel.xaxis if axis == "x" else panel.yaxis
+    decades = float(np.log10(there.max() / there.min()))
+    subs = (1.0, 2.0, 3.0, 5.0, 7.0) if decades < 1.0 else (1.0, 2.0, 5.0) if decades < 2.5 else (1.0,)
+    of.set_major_locator(LogLocator(subs=subs, numticks=12))
+    of.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    of.set_minor_formatter(NullFormatter())
 
 
 def _measure_looks(names: list[str]) -> dict[str, style.Appearance]:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.report import figures, score_figures, style
+from bodyimage_kin.report import figures, score_figures, study_maps, style
 from bodyimage_kin.report.atlas import face_atlas
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.scores import PARTS, SCORES
@@ -31,9 +31,15 @@ _TOGETHER = 6
 """Estimators that one figure can tell apart."""
 _MOST = 4.0
 """Squared error up to which parts are drawn: twice the error of a Jacobian of zeros."""
-_LEAST_HEIGHT = 2.2
-"""Of a figure with a legend above it [inch]."""
 _ON_TOUR = ("displacement_error", "trajectory_rmse", "velocity_correlation", "velocity_nrmse", "fit_seconds")
+_ATLAS = {
+    "relative_error_by_posture": "relative error",
+    "depth_by_posture": "depth",
+    "variation_by_posture": "variation",
+    "critical_gain_by_posture": "critical gain",
+    "basin_by_posture": "basin [mm]",
+}
+"""Scores that are drawn over the face, and what their panels are called."""
 _BY_PROBE = ("relative_error_use", "relative_error", "scale_free_error")
 
 
@@ -57,6 +63,7 @@ def write(results: xr.Dataset, path: Path, baseline: str | None, atlas: str | No
         failures=summary.failures(results),
         pictures=_pictures(results, atlas),
         excitation=_excitation(results),
+        maps=study_maps.section(results, _EXACT),
         recordings=results.sizes["seed"],
         published=PUBLISHED,
         config=json.dumps(json.loads(results.attrs.get("config", "{}")), indent=1),
@@ -188,6 +195,7 @@ def _pictures(results: xr.Dataset, atlas: str | None) -> list[dict[str, str]]:
             found += [("attribution", *picture) for picture in _attributions(one, place)]
             found += [("distance", *picture) for picture in _distances(one, place)]
             found += [("atlas", *picture) for picture in _atlas(one, place, results, str(embodiment), atlas)]
+    found += [("maps", *picture) for picture in study_maps.pictures(results, _EXACT)]
     drawn = []
     with tempfile.TemporaryDirectory() as folder:
         for index, (section, title, text, figure) in enumerate(found):
@@ -225,8 +233,6 @@ def _attributions(one: xr.Dataset, place: str) -> list[tuple[str, str, Figure]]:
             text += f" Not drawn, for they err more than {_MOST:g}: {', '.join(beyond)}."
         if drawn:
             figure = score_figures.attribution_bars({str(probe): drawn})
-            # The legend is as tall as five bars, so fewer would have no room.
-            figure.set_figheight(max(figure.get_figheight(), _LEAST_HEIGHT))
             pictures.append((f"{place}: parts of the error {style.label(str(probe))}", text, figure))
     return pictures
 
@@ -274,32 +280,34 @@ def _atlas(
     one: xr.Dataset, place: str, results: xr.Dataset, embodiment: str, chosen: str | None
 ) -> list[tuple[str, str, Figure]]:
     """The face, for the chosen estimator or the one that errs least on it."""
-    if "relative_error_by_posture" not in one or "on_face" not in one["probe"].values:
+    if "on_face" not in one["probe"].values or not any(score in one for score in _ATLAS):
         return []
     face = one.sel(probe="on_face")
-    names = _learned(face, "relative_error_by_posture")
+    score = next(name for name in ("relative_error_by_posture", _HEADLINE, *_ATLAS) if name in face)
+    names = _learned(face, score)
     if chosen is None and names:
-        chosen = min(names, key=lambda name: float(face["relative_error_by_posture"].sel(estimator=name).mean()))
+        chosen = min(names, key=lambda name: float(face[score].sel(estimator=name).mean()))
     shape = json.loads(results.attrs.get("skin_shape", "{}")).get(embodiment)
     if chosen is None or shape is None:
         return []
     rows, columns = shape
-    titles = {
-        "relative_error_by_posture": "relative error",
-        "depth_by_posture": "depth",
-        "variation_by_posture": "variation",
-        "critical_gain_by_posture": "critical gain",
-    }
     maps = {}
-    for score, title in titles.items():
+    for score, title in _ATLAS.items():
         if score in face:
             values = face[score].sel(estimator=chosen).mean("seed").values[: rows * columns]
-            maps[title] = values.reshape(rows, columns)
+            maps[title] = values.reshape(rows, columns) * (1000.0 if SCORES[score].units == "m" else 1.0)
     text = (
         f"{style.label(chosen)}, mean over recordings; the face as the eye sees it. Depth and variation are what each "
-        "taxel adds to these parts of the squared error; a servo with a gain above the critical one does not converge."
+        "taxel adds to these parts of the squared error (the other two are the same everywhere); a servo with a gain "
+        "above the critical one does not converge."
     )
-    return [(f"{place}: the face, taxel by taxel", text, face_atlas(maps, limits={"critical gain": (0.0, 2.0)}))]
+    if "basin_by_posture" in face:
+        text += (
+            " Basin: how far away on the screen a servo may start, in any direction, and still arrive; no farther than "
+            "50 mm is tried."
+        )
+    limits = {_ATLAS["critical_gain_by_posture"]: (0.0, 2.0), _ATLAS["basin_by_posture"]: (0.0, 50.0)}
+    return [(f"{place}: the face, taxel by taxel", text, face_atlas(maps, limits=limits))]
 
 
 def _many(count: int, noun: str) -> str:

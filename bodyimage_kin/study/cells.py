@@ -24,7 +24,7 @@ from bodyimage_kin.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import experience, simulate
 from bodyimage_kin.study import maps, probes, scoring
-from bodyimage_kin.study.scores import PARTS, SCORES
+from bodyimage_kin.study.scores import CAUSES, PARTS, SCORES
 from bodyimage_kin.study.scoring import WrongResult
 from bodyimage_kin.study.specs import Table, build_estimator, motion_arguments
 
@@ -295,7 +295,7 @@ def _dataset(ground: Ground, values: Mapping[str, Any], keep: Sequence[str], fai
         for score in keep
         if score in values
     }
-    coords: dict[str, Any] = {"probe": list(ground.probes), "part": list(PARTS), "axis": _AXES}
+    coords: dict[str, Any] = {"probe": list(ground.probes), "part": list(PARTS), "cause": list(CAUSES), "axis": _AXES}
     used = {dim for variable in variables.values() for dim in variable.dims}
     coords = {dim: values for dim, values in coords.items() if dim in used}
     if "posture" in used:
@@ -306,7 +306,7 @@ def _dataset(ground: Ground, values: Mapping[str, Any], keep: Sequence[str], fai
 
 def _nothing(ground: Ground, keep: Sequence[str], failure: str) -> xr.Dataset:
     """What a seed that failed leaves: NaN for every score."""
-    sizes = {"probe": len(ground.probes), "part": len(PARTS), "axis": len(_AXES), "posture": 0}
+    sizes = {"probe": len(ground.probes), "part": len(PARTS), "cause": len(CAUSES), "axis": len(_AXES), "posture": 0}
     values = {
         score: np.full([sizes[dim] for dim in SCORES[score].dims], np.nan)
         for score in keep

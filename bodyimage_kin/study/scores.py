@@ -8,6 +8,9 @@ from dataclasses import dataclass
 PARTS = ("depth", "mean_excited", "mean_unexcited", "variation")
 """What a squared Jacobian error is the sum of (:class:`bodyimage_kin.metrics.Attribution`)."""
 
+CAUSES = ("discretisation", "position", "circulation")
+"""What the error of an integrated path is the sum of (:class:`bodyimage_kin.metrics.ErrorSplit`)."""
+
 
 @dataclass(frozen=True)
 class Score:
@@ -65,6 +68,17 @@ SCORES: Mapping[str, Score] = {
     "critical_gain_by_posture": Score(
         _BY_POSTURE, "gain below which a sampled visual servo converges", source="critical_gain", ratio=False
     ),
+    "trajectory_split": Score(
+        ("cause",), "parts of the position error of the integrated tour", "m", "error_split", ratio=False, optional=True
+    ),
+    "basin_by_posture": Score(
+        _BY_POSTURE,
+        "distance on the screen from which a servo still converges; of probes of the face only",
+        "m",
+        "servo_basin",
+        ratio=False,
+        optional=True,
+    ),
     "touch_trajectory_rmse": Score(
         (), "position error of the integrated touching", "m", "trajectory_rmse", optional=True
     ),
@@ -86,7 +100,7 @@ SCORES: Mapping[str, Score] = {
         (), "distance from the posture map of direct sight, over that map's extent", optional=True
     ),
 }
-"""Name -> score; those by posture are kept on request."""
+"""Name -> score; those by posture are kept on request, optional ones when they are named."""
 MAP_SCORES = tuple(name for name in SCORES if "map_" in name or name.startswith("touch_"))
 """Scores for which a cell integrates the touches and learns maps (:mod:`bodyimage_kin.study.maps`)."""
 DEFAULT = tuple(name for name, score in SCORES.items() if not score.optional)

@@ -15,7 +15,7 @@ from bodyimage_kin.body_image import integrate
 from bodyimage_kin.embodiment import Embodiment
 from bodyimage_kin.recordings import experience
 from bodyimage_kin.study import maps, probes
-from bodyimage_kin.study.scores import PARTS, SCORES
+from bodyimage_kin.study.scores import CAUSES, PARTS, SCORES
 from bodyimage_kin.study.specs import Table
 
 _CHUNK = 5000
@@ -58,8 +58,10 @@ def score(
     Raises:
         WrongResult: Answers of another shape, or that are not finite, or too large to be scored.
     """
-    training, touch = recordings["training"], recordings.get("touch")
-    found = _on_tour(body, recordings["tour"], learned)
+    training, tour, touch = recordings["training"], recordings["tour"], recordings.get("touch")
+    found = _on_tour(body, tour, learned)
+    if "trajectory_split" in keep:
+        found["trajectory_split"] = _split(tour, learned)
     if map_seeds and touch is not None:
         hand = _integrated("touching", touch, learned)
         found["touch_trajectory_rmse"] = metrics.trajectory_rmse(touch["true_hand_image"].values, hand.values)
@@ -73,6 +75,9 @@ def score(
         Jh = _in_chunks(f"jacobian at probe '{probe}'", learned.jacobian, q, body.m)
         for name, value in _at_probe(J, Jh, W, seen.projector(), per_posture).items():
             rows.setdefault(name, []).append(value)
+        if "basin_by_posture" in keep:
+            on_face = "face" in tables[probe]
+            rows.setdefault("basin_by_posture", []).append(_basin(body, q, learned) if on_face else np.empty(0))
     for name, values in rows.items():
         found[name] = probes.by_posture(values) if "posture" in SCORES[name].dims else np.array(values)
     return found
@@ -126,6 +131,34 @@ def _on_tour(body: Embodiment, tour: xr.Dataset, learned: Any) -> dict[str, Any]
     }
 
 
+def _split(tour: xr.Dataset, learned: Any) -> Float[np.ndarray, "cause"]:
+    """RMS of each part of the integrated tour's error [m]."""
+    rms = metrics.error_split(
+        tour["true_q"].values,
+        tour["true_hand_image"].values,
+        lambda q, dq: _floats(learned.displacement(torch.from_numpy(q), torch.from_numpy(dq))),
+        lambda q: _answers(learned.jacobian, q),
+    ).rms
+    return np.array([rms[cause] for cause in CAUSES])
+
+
+def _basin(body: Embodiment, goals: torch.Tensor, learned: Any) -> Float[np.ndarray, "postures"]:
+    """Distance on the screen from which a servo still converges to each posture's image [m]."""
+    return metrics.servo_basin(
+        lambda q: _answers(lambda part: body.hand_image(part, on_invisible="nan"), q),
+        lambda q: _answers(body.hand_image_jacobian, q),
+        lambda q: _answers(learned.jacobian, q),
+        goals.numpy(),
+        lower=body.felt_robot.lower.numpy(),
+        upper=body.felt_robot.upper.numpy(),
+    ).radius
+
+
+def _answers(of: Callable[..., Any], q: Float[np.ndarray, "postures p"]) -> Float[np.ndarray, "postures ..."]:
+    """What a function of postures says, asked for few of them at a time."""
+    return np.concatenate([_floats(of(part)) for part in torch.split(torch.from_numpy(q), _CHUNK)])
+
+
 def _integrated(what: str, recording: xr.Dataset, learned: Any, **settings: Any) -> xr.DataArray:
     """The integrated hand image, once it is known to be finite wherever a posture was felt."""
     felt = experience(recording)
@@ -147,7 +180,7 @@ def _in_chunks(what: str, jacobian: Callable[..., Any], q: torch.Tensor, m: int)
 
 def _checked(what: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     """What an estimator answers, once its shape and values are known to be right."""
-    values = np.asarray(value.detach() if hasattr(value, "detach") else value, dtype=np.float64)
+    values = _floats(value)
     if values.shape != shape:
         raise WrongResult(f"{what} has shape {values.shape}; it must be {shape}")
     for problem, sound in (("not finite", np.isfinite(values)), ("too large to be scored", abs(values) < _LARGEST)):
@@ -155,3 +188,7 @@ def _checked(what: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         if wrong:
             raise WrongResult(f"{what} is {problem} in {wrong} of {len(values)} postures")
     return values
+
+
+def _floats(value: Any) -> Float[np.ndarray, "..."]:
+    return np.asarray(value.detach() if hasattr(value, "detach") else value, dtype=np.float64)

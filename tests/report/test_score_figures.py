@@ -10,6 +10,11 @@ PARTS = ("depth", "mean_excited", "mean_unexcited", "variation")
 BAR = dict(zip(PARTS, (0.4, 0.1, 0.05, 0.25), strict=True))
 DOSES = np.linspace(0, 1, 9)
 GRID = np.stack(np.meshgrid(np.linspace(-0.03, 0.03, 4), np.linspace(-0.02, 0.02, 3)), -1)
+CHAIN = {
+    "Jacobian": {"LeastSquares": [0.5, 0.6], "ridge": [0.4, np.nan], "other": [0.2, 0.0]},
+    "path [mm]": {"LeastSquares": [18.0, 20.0], "ridge": [15.0, 16.0], "other": [9.0, 8.0]},
+    "map": {"LeastSquares": [0.9, 1.0], "ridge": [0.7, 0.6], "other": [0.4, 0.5]},
+}
 MADE = {
     "attribution": lambda: score_figures.attribution_bars(
         {"on_face": {"least_squares": BAR, "PaperMLP": BAR}, "in_front": {"least_squares": BAR}}
@@ -19,6 +24,8 @@ MADE = {
         {"rotated": {"relative_error": DOSES, "span": DOSES**2}, "noise": {"span": DOSES**3}},
         dose_labels={"rotated": "angle [deg]"},
     ),
+    "bar": lambda: score_figures.attribution_bars({"on_face": {"least_squares": BAR}}),
+    "chain": lambda: score_figures.score_chain(CHAIN, named=["LeastSquares", "ridge"]),
     "posture_map": lambda: score_figures.posture_map({"paper_mlp": 0.5 * GRID, "direct": GRID}, GRID),
 }
 
@@ -53,6 +60,27 @@ def test_bars_are_stacked_to_the_squared_error():
     looks = {(bar.get_facecolor(), bar.get_hatch()) for bar in bars}
     greys = sorted(np.dot(colour[:3], [0.299, 0.587, 0.114]) for colour, _ in looks)
     assert min(np.diff(greys)) > 0.05, "told apart in grey"
+
+
+def test_a_single_bar_has_room_under_its_legend():
+    figure = MADE["bar"]()
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    assert axes.get_window_extent().height > 0.3 * figure.dpi
+    assert not figure.legends[0].get_window_extent().overlaps(axes.get_window_extent())
+
+
+def test_a_chain_has_a_panel_a_link_and_a_point_a_cell():
+    first, second = MADE["chain"]().axes
+    assert (first.get_xlabel(), first.get_ylabel(), second.get_ylabel()) == ("Jacobian", "path [mm]", "map")
+    assert second.get_xlabel() == "path [mm]"
+    grey, squares, ridge = (line.get_xydata() for line in first.get_lines())
+    assert squares == pytest.approx(np.array([[0.5, 18.0], [0.6, 20.0]]))
+    assert np.isfinite(ridge).all(1).sum() == 1
+    # A logarithmic axis has no place for zero.
+    assert np.isfinite(grey).all(1).tolist() == [True, False]
+    assert {axes.get_xscale() for axes in (first, second)} == {"log"}
+    assert legend(first.figure) == ["least squares", "ridge regression", "others"]
 
 
 def test_power_is_a_line_a_measure_over_its_own_doses():
@@ -104,6 +132,9 @@ def test_each_unit_is_tied_to_where_its_posture_truly_is():
         (lambda: score_figures.dose_response({"a": DOSES}, {"b": {"span": DOSES}}), InvalidConfig, "no doses"),
         (lambda: score_figures.dose_response(DOSES, {"b": {"span": DOSES[1:]}}), InvalidArray, "shape"),
         (lambda: score_figures.dose_response(DOSES, {"b": {"span": 2 * DOSES}}), InvalidArray, "probability"),
+        (lambda: score_figures.score_chain({"a": {"b": [1.0]}}), InvalidConfig, "at least two"),
+        (lambda: score_figures.score_chain({"a": {"b": [1.0]}, "c": {"d": [1.0]}}), InvalidArray, "every axis"),
+        (lambda: score_figures.score_chain({"a": {"b": [1.0]}, "c": {"b": [1.0, 2.0]}}), InvalidArray, "shape"),
         (lambda: score_figures.posture_map({}, GRID), InvalidConfig, "empty"),
         (lambda: score_figures.posture_map({"direct": GRID[1:]}, GRID), InvalidArray, "shape"),
         (lambda: score_figures.posture_map({"direct": GRID}, np.nan * GRID), InvalidArray, "finite"),

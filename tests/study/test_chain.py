@@ -127,6 +127,6 @@ def test_embodiments_stand_alone_and_nonsense_is_refused(error):
         chain(both, "relative_error_use", "map_error", leave_out=ESTIMATORS)
     with pytest.raises(InvalidConfig, match="level=2"):
         chain(both, "relative_error_use", "map_error", level=2)
-    both["map_span"] = both["map_error"].expand_dims(axis=["x", "y"])
+    both["map_span"] = both["map_error"].expand_dims({"axis": ["x", "y"]})
     with pytest.raises(InvalidConfig, match="choose along axis"):
         chain(both, "relative_error_use", "map_span")

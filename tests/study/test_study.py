@@ -259,6 +259,7 @@ def test_the_page_stands_alone(done, tmp_path):
     assert "Fewer than 30 recordings" in text
     for section in ("Scores", "Against flat", "Failures", "Error and distance", "The face"):
         assert section in text
+    assert "From the Jacobian to the map" not in text
     assert page.count("data:image/svg+xml") == 4 + 2 * 2 + 1  # attribution, distances, the face
     with pytest.raises(UnknownName, match="did you mean 'flat'"):
         bk.report.write(done[1], tmp_path / "report.html", baseline="flta")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -131,6 +132,24 @@ def test_maps_cost_nothing_when_nobody_asks(done, tmp_path, monkeypatch):
     np.testing.assert_array_equal(
         found["relative_error_use"].sel(seed=0), done[1]["relative_error_use"].sel(seed=0, estimator=["flat"])
     )
+
+
+def test_the_page_shows_how_the_error_travels(done, tmp_path):
+    page = bk.report.write(done[1], tmp_path / "report.html").read_text()
+    text = re.sub(r"data:[^\"]*", "", page)
+    assert "nan" not in text.lower().split()
+    section = text[text.index('<h2 id="maps">') : text.index('<h2 id="origin">')]
+    assert section.count("<img") == 1
+    assert "means over 2 first maps" in section
+    assert "direct sight</td>" in section
+    # The truth itself, and what integrates as it does, are left out of correlations by choice, and the page says so.
+    assert "Left out, being the truth itself: truth, seer" in section
+    assert "goes from" in section
+
+
+def test_the_page_says_when_the_topological_error_flatters_all(done, tmp_path):
+    flat = done[1].assign(map_topological_error=done[1]["map_topological_error"] * 0.0)
+    assert "flattering measure" in bk.report.write(flat, tmp_path / "report.html").read_text()
 
 
 def test_what_explodes_is_a_failure_and_no_score(tmp_path):

@@ -1,0 +1,92 @@
+"""Scores that a study computes only when they are named: the servo's basin, and why the tour's path is wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+import bodyimage_kin as bk
+from bodyimage_kin import metrics
+from bodyimage_kin.recordings import read_recording
+from bodyimage_kin.study import Study, scores
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A small study with the optional scores of a Jacobian, and its store."""
+    store = tmp_path_factory.mktemp("optional") / "run"
+    study = Study(
+        embodiments={"infant": "infant"},
+        recordings={"still": {"circle": {"turns": 1.0}, "touch": {"duration": 5.0}, "tour": {"speed": 0.2}}},
+        estimators={"waving": "TrigRidge"},
+        seeds=1,
+        probes={"on_face": "on_face", "joint_space": {"joint_space": {"count": 30}}},
+        metrics=["trajectory_rmse", "basin_by_posture", "trajectory_split"],
+    )
+    return study.run(store, "in-process"), store
+
+
+@pytest.fixture(scope="module")
+def learned(done):
+    training = read_recording(done[1] / "recordings/infant/still/seed0_training.nc")
+    return bk.estimators.TrigRidge().fit(bk.experience(training))
+
+
+def test_the_basin_is_that_of_the_public_function(done, learned, body):
+    basin = done[0]["basin_by_posture"].squeeze()
+    assert basin.attrs["units"] == "m"
+    some = [0, 200, 440]
+    wanted = metrics.servo_basin(
+        lambda q: body.hand_image(torch.from_numpy(q), on_invisible="nan").numpy(),
+        lambda q: body.hand_image_jacobian(torch.from_numpy(q)).numpy(),
+        lambda q: learned.jacobian(torch.from_numpy(q)).numpy(),
+        body.touch_postures(some).numpy(),
+        lower=body.felt_robot.lower,
+        upper=body.felt_robot.upper,
+    ).radius
+    np.testing.assert_array_equal(basin.sel(probe="on_face", posture=some), wanted)
+    assert float(basin.sel(probe="on_face").max()) > 0
+    # Of the face only: elsewhere a servo has no task here.
+    assert np.isnan(basin.sel(probe="joint_space")).all()
+
+
+def test_the_split_is_that_of_the_public_function(done, learned):
+    results, store = done[0].squeeze(), done[1]
+    tour = read_recording(store / "recordings/infant/still/seed0_tour.nc")
+    wanted = metrics.error_split(
+        tour["true_q"].values,
+        tour["true_hand_image"].values,
+        lambda q, dq: learned.displacement(torch.from_numpy(q), torch.from_numpy(dq)).numpy(),
+        lambda q: learned.jacobian(torch.from_numpy(q)).numpy(),
+    )
+    split = results["trajectory_split"]
+    assert list(split["cause"].values) == list(scores.CAUSES)
+    for cause in scores.CAUSES:
+        assert float(split.sel(cause=cause)) == wanted.rms[cause]
+    assert float(results["trajectory_rmse"]) == pytest.approx(wanted.rms["total"], rel=1e-9)
+    # It is the derivative of a function of the posture, and so goes back the way it came.
+    assert float(split.sel(cause="circulation")) < 1e-9 < float(split.sel(cause="discretisation"))
+
+
+def test_the_page_draws_the_basin_over_the_face(done, tmp_path):
+    page = bk.report.write(done[0], tmp_path / "report.html", atlas="waving").read_text()
+    assert "Basin: how far away on the screen a servo may start" in page
+    assert page.count("data:image/svg+xml") == 1
+
+
+def test_both_are_computed_only_when_they_are_named(monkeypatch, tmp_path):
+    def refuse(*_, **__):
+        raise AssertionError("nobody asked")
+
+    monkeypatch.setattr(metrics, "servo_basin", refuse)
+    monkeypatch.setattr(metrics, "error_split", refuse)
+    study = Study(
+        embodiments={"infant": "infant"},
+        recordings={"still": {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 5.0}}},
+        estimators={"flat": "LeastSquares"},
+        seeds=1,
+        probes={"on_face": "on_face"},
+    )
+    assert study.run(tmp_path, "in-process")["failure"].item() == ""
+    assert not {"basin_by_posture", "trajectory_split", "map_error"} & set(study.metrics)
