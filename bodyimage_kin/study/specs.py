@@ -31,7 +31,9 @@ MOTIONS: Mapping[str, Callable[..., Any]] = {
 _SHARED = ("dynamics", "drag", "encoder_noise", "image_noise", "sampling", "rest_spread", "rest_pull", "speed")
 """Settings that tour and touch take over from the motion that is learned from."""
 _TOUCH_DURATION = 80.0
-"""Time of touching that the motion's metric is taken from [s]; by then it has settled to a few per cent."""
+"""Time of touching [s]; by then the motion's metric has settled to a few per cent. Maps take ten times as long."""
+_NONE = "none"
+"""How a table says None where that is not what a motion does by default, as in ``reset_interval = "none"``."""
 PROBES: Mapping[str, Table] = {
     "on_circle": {"training": {}},
     "in_front": {"face": {"distance": 0.03}},
@@ -70,8 +72,10 @@ def recording_table(spec: Any) -> Table:
     """``{MOTION: settings, "touch": settings, "tour": settings}``, every setting written out.
 
     The first is what is learned from. ``touch`` (:func:`simulate.random_touch`, here 80 s by default) is where the
-    motion's metric is taken from, ``tour`` (:func:`simulate.face_tour`) where displacements are compared; both take
-    over dynamics, noise and sampling of the motion learned from unless they say otherwise.
+    motion's metric is taken from and maps are learned, ``tour`` (:func:`simulate.face_tour`) where displacements are
+    compared; both take over dynamics, noise and sampling of the motion learned from unless they say otherwise. Maps
+    to be published need ``touch.duration = 800.0``. TOML has no None: ``touch.reset_interval = "none"`` says that the
+    hand never returns.
     """
     given = {spec: {}} if isinstance(spec, str) else _table("recording", spec)
     _refuse_unknown("recording", given, (*MOTIONS, "touch", "tour"))
@@ -94,6 +98,7 @@ def recording_table(spec: Any) -> Table:
 def motion_arguments(settings: Table) -> dict[str, Any]:
     """Settings of a motion as keywords of its function."""
     arguments = {name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()}
+    arguments = {name: None if value == _NONE else value for name, value in arguments.items()}
     return arguments | ({"drag": DragSettings(**settings["drag"])} if "drag" in settings else {})
 
 
@@ -262,9 +267,11 @@ def _motion_settings(kind: str, given: Any, instead: Table) -> Table:
     settings = _table(kind, given)
     _refuse_unknown(f"motion '{kind}'", settings, known)
     settings = {name: plain(f"{kind}: {name}", value) for name, value in settings.items()}
-    for name in settings:
-        if settings[name] is None and parameters[name].default is not None:
-            raise InvalidConfig(f"{kind}: {name}=None cannot be written into a study's file; give a value")
+    for name, value in settings.items():
+        if value in (None, _NONE) and parameters[name].default is not None:
+            if "None" not in str(parameters[name].annotation):
+                raise InvalidConfig(f"{kind}: {name}={value!r}: give a value")
+            settings[name] = _NONE
     found = {name: plain(name, parameters[name].default) for name in known}
     found |= {name: value for name, value in instead.items() if name in known} | settings
     if found["dynamics"]:

@@ -43,7 +43,7 @@ class Store:
         """The store of a study, made when missing.
 
         Args:
-            folder: New, empty, or of the same study.
+            folder: New, empty, or of the same study, or of one that this study adds to (:func:`before_it_grew`).
             origin: Config and hashes; all that decides what comes out.
             begin: Where the study's relative paths begin.
 
@@ -52,7 +52,7 @@ class Store:
         """
         before = settings(folder)
         stored = {key: value for key, value in (before or origin).items() if key != "folder"}
-        if different := list(differences(stored, origin)):
+        if different := list(differences(stored, before_it_grew(stored, origin))):
             shown = "; ".join(different[:5]) + (f"; and {len(different) - 5} more" if len(different) > 5 else "")
             raise OutputRefused(f"'{folder}' holds another study: {shown}; name another folder for this one")
         return cls(_output.claim(folder, KIND, {**origin, "folder": str(begin.absolute())}))
@@ -96,6 +96,27 @@ def settings(folder: Path) -> dict[str, Any] | None:
         return dict(marker["settings"]) if marker["kind"] == KIND else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def before_it_grew(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> dict[str, Any]:
+    """What is asked, without what may be added to a store: then nothing may differ.
+
+    A cell's random streams are its own, and its seeds learn together. So embodiments, recordings and estimators may be
+    added, and seeds after blocks that are complete: no bit of a cell that is there already depends on them.
+    """
+    config = dict(asked["config"])
+    there = stored.get("config", {})
+    found = dict(asked, config=config)
+    for table, names in (
+        *((config, name) for name in ("embodiments", "recordings", "estimators")),
+        *((found, name) for name in ("urdf_sha256", "embodiment_sha256", "skin_shape")),
+    ):
+        known = (there if table is config else stored).get(names, {})
+        table[names] = {name: value for name, value in table[names].items() if name in known}
+    seeds, count = config["seeds"], len(there.get("seeds", []))
+    if count % config["block"] == 0 and seeds[:count] == there.get("seeds"):
+        config["seeds"] = seeds[:count]
+    return found
 
 
 def differences(stored: Any, asked: Any, name: str = "") -> Iterator[str]:

@@ -184,7 +184,8 @@ class Study:
         """Computes what is missing in a store, and gives everything.
 
         Args:
-            store: Folder; new, empty, or of this very study.
+            store: Folder; new, empty, or of this very study, or of this study before it was added to: embodiments,
+                recordings and estimators may be added, and seeds after complete blocks.
             executor: None: a pool of processes; ``"in-process"``; a Dask scheduler's address or ``Client``; an
                 ``Executor``. No bit of the result depends on it, ``fit_seconds`` aside.
             workers: Of the pool; None: one a processor.

@@ -84,6 +84,21 @@ def test_touch_and_tour_move_as_the_motion_that_is_learned_from():
     assert (table["touch"]["image_noise"], table["tour"]["image_noise"]) == (1e-4, 0.0)
 
 
+@pytest.mark.parametrize("never", [None, "none"])
+def test_a_hand_that_never_returns_can_be_written(never, tmp_path):
+    study = small(
+        recordings={"still": {"circle": {"dynamics": False}, "touch": {"duration": 25.0, "reset_interval": never}}}
+    )
+    study.to_toml(tmp_path / "study.toml")
+    assert Study.from_toml(tmp_path / "study.toml") == study
+    settings = specs.motion_arguments(study.recordings["still"]["touch"])
+    assert settings["reset_interval"] is None
+    touch = bk.simulate.random_touch(bk.load_embodiment("infant"), **settings)
+    resets = touch["at_reference"].values[0]
+    assert resets[0]
+    assert int((np.diff(resets.astype(int)) > 0).sum()) == 0
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -97,6 +112,9 @@ def test_touch_and_tour_move_as_the_motion_that_is_learned_from():
         ({"recordings": {"a": {"touch": {}}}}, "learned from one motion"),
         ({"recordings": {"a": {"circle": {}, "touch": {"sampling": 0.2}}}}, "sampling"),
         ({"recordings": {"a": {"circle": {"dynamics": False, "drag": {"stiffness": 9.0}}}}}, "dynamics=True"),
+        ({"recordings": {"a": {"circle": {}, "touch": {"duration": None}}}}, "duration=None: give a value"),
+        ({"recordings": {"a": {"circle": {"radius": "none"}}}}, "radius='none': give a value"),
+        ({"first_maps": 0}, "first_maps=0"),
         ({"probes": {"a": "on_fase"}}, "no probe 'on_fase'"),
         ({"probes": {"a": {"joint_space": {"count": 0}}}}, "count=0"),
         ({"metrics": ["relative_eror"]}, "did you mean 'relative_error'"),
@@ -237,6 +255,35 @@ def test_another_config_or_robot_is_refused_with_the_difference(done, tmp_path):
     urdf.write_text(urdf.read_text() + "<!-- touched -->")
     with pytest.raises(OutputRefused, match=r"urdf_sha256\.mine is"):
         study.run(tmp_path / "run", "in-process")
+
+
+def test_a_store_grows_and_its_cells_stay_as_they_were(tmp_path):
+    begun = small(seeds=[4, 2], estimators={"flat": "LeastSquares"}, probes={"on_face": "on_face"})
+    first = begun.run(tmp_path, "in-process")
+    cells = {path: path.read_bytes() for path in tmp_path.glob("cells/**/*.nc")}
+    wider = {"flat": "LeastSquares", "truth": "Analytic"}
+    quick = {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 5.0}, "tour": {"speed": 0.3}}
+    grown = small(
+        seeds=[4, 2, 7],
+        estimators=wider,
+        probes={"on_face": "on_face"},
+        recordings={**begun.recordings, "quick": quick},
+    )
+    found = grown.run(tmp_path, "in-process")
+    assert {path: path.read_bytes() for path in cells} == cells
+    assert set(found["failure"].values.ravel()) == {""}
+    assert found.sizes["seed"] == 3
+    old = found.sel(seed=[4, 2], estimator=["flat"], recording=["still"])
+    xr.testing.assert_identical(old.drop_attrs(), first.drop_attrs())
+    # The store is now of the study that it grew into, and nothing is left to do.
+    totals = []
+    grown.run(tmp_path, "in-process", report=lambda n, total: totals.append(total))
+    assert max(totals) == 0
+    with pytest.raises(OutputRefused, match=r"config\.estimators\.truth is only in the store"):
+        begun.run(tmp_path, "in-process")
+    # The last block is incomplete, so another seed would change it.
+    with pytest.raises(OutputRefused, match=r"config\.seeds is \[4, 2, 7\] in the store"):
+        Study.from_table({**grown.table(), "seeds": [4, 2, 7, 8]}).run(tmp_path, "in-process")
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
