@@ -6,8 +6,6 @@ from bodyimage_kin.metrics.attribution import attribute as attribute
 from bodyimage_kin.metrics.attribution import excitation as excitation
 from bodyimage_kin.metrics.basin import Basin as Basin
 from bodyimage_kin.metrics.basin import servo_basin as servo_basin
-from bodyimage_kin.metrics.error_split import ErrorSplit as ErrorSplit
-from bodyimage_kin.metrics.error_split import error_split as error_split
 from bodyimage_kin.metrics.jacobian import axis_relative_error as axis_relative_error
 from bodyimage_kin.metrics.jacobian import column_cosine as column_cosine
 from bodyimage_kin.metrics.jacobian import column_log_norm_ratio as column_log_norm_ratio
@@ -40,3 +38,5 @@ from bodyimage_kin.metrics.trajectory import curl as curl
 from bodyimage_kin.metrics.trajectory import trajectory_rmse as trajectory_rmse
 from bodyimage_kin.metrics.trajectory import velocity_correlation as velocity_correlation
 from bodyimage_kin.metrics.trajectory import velocity_nrmse as velocity_nrmse
+from bodyimage_kin.metrics.trajectory_split import ErrorSplit as ErrorSplit
+from bodyimage_kin.metrics.trajectory_split import error_split as error_split

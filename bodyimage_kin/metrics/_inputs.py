@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,6 +14,9 @@ ArrayInput: TypeAlias = Any
 """A numpy array, torch tensor or xarray DataArray of floats, or nested lists of numbers."""
 
 Floats: TypeAlias = Float[np.ndarray, "..."]
+
+Field: TypeAlias = Callable[..., Any]
+"""A function of postures (k, p), as float64 arrays, whose value is an array or tensor with k rows."""
 
 
 def as_floats(value: ArrayInput, name: str, *, ndim: int = 0) -> Floats:
@@ -90,3 +94,15 @@ def ratio(numerator: ArrayInput, denominator: ArrayInput) -> Floats:
         np.asarray(numerator, dtype=np.float64), np.asarray(denominator, dtype=np.float64)
     )
     return np.asarray(np.divide(top, bottom, out=np.full(top.shape, np.nan), where=bottom != 0))
+
+
+def answer(function: Field, what: str, shape: tuple[int, ...], *postures: Floats) -> Floats:
+    """The value of a user's function of postures, known to have the right shape.
+
+    Raises:
+        InvalidArray: It is no array of floats of that shape; ``what`` names it.
+    """
+    values = as_floats(function(*postures), f"the value of {what}")
+    if values.shape != shape:
+        raise InvalidArray(f"the value of {what} has shape {values.shape}; it must be {shape}")
+    return values

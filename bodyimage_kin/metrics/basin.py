@@ -6,18 +6,13 @@ Chaumette and Hutchinson, "Visual servo control, part I" (2006), and Nakamura an
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
-from bodyimage_kin.metrics._inputs import ArrayInput, Floats, as_floats
-
-Field: TypeAlias = Callable[..., Any]
-"""A function of postures (k, p), as float64 arrays, whose value is an array or tensor with k rows."""
+from bodyimage_kin.metrics._inputs import ArrayInput, Field, Floats, answer, as_floats
 
 _CHUNK = 1 << 15  # trials advanced together, so that temporaries stay in the tens of megabytes
 _SETTLED = 0.01  # of the tolerance: a trial this near its goal is done, not merely passing
@@ -154,18 +149,6 @@ def servo_basin(
         starts[some] = q.reshape(len(some), *shape, -1)
         converged[some] = outcome.reshape(len(some), *shape)
     return Basin(converged, starts, away, unit)
-
-
-def answer(function: Field, what: str, shape: tuple[int, ...], *postures: Floats) -> Floats:
-    """The value of a user's function of postures, known to have the right shape.
-
-    Raises:
-        InvalidArray: It is no array of floats of that shape; ``what`` names it.
-    """
-    values = as_floats(function(*postures), f"the value of {what}")
-    if values.shape != shape:
-        raise InvalidArray(f"the value of {what} has shape {values.shape}; it must be {shape}")
-    return values
 
 
 def _require(holds: bool, name: str, value: object, valid: str) -> None:

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
-from bodyimage_kin.metrics._inputs import ArrayInput, Floats, as_floats
-from bodyimage_kin.metrics.basin import Field, answer
+from bodyimage_kin.metrics._inputs import ArrayInput, Field, Floats, answer, as_floats
 
 _CHUNK = 1 << 16  # postures asked for at once
 _STEP_NODES = 4  # on each step, which is short: exact for a Jacobian of degree seven along it
@@ -23,7 +22,7 @@ _STEP_NODES = 4  # on each step, which is short: exact for a Jacobian of degree 
 class ErrorSplit:
     """The error of an integrated hand image as a sum of three.
 
-    All arrays are (*batch, time, m) [m on the screen], zero at the start of a path and NaN off it.
+    All arrays are ``(*batch, time, m)`` [m on the screen], zero at the start of a path and NaN off it.
 
     Attributes:
         discretisation: What taking finite steps adds, at the Jacobian that is integrated; zero for a constant one.
