@@ -12,7 +12,8 @@ from numba import njit
 from numba.core import event
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_Given, _Result = TypeVar("_Given"), TypeVar("_Result")
+_Given = TypeVar("_Given")
+_Result = TypeVar("_Result")
 
 
 def compiled(function: _Function) -> _Function:
