@@ -154,12 +154,14 @@ class Report:
     """Estimator that the others are compared with."""
     atlas: str | None = None
     """Estimator whose error is drawn taxel by taxel."""
+    publish: Path | None = None
+    """Folder for results.json, table.md and a figure, small enough to be kept."""
 
     def __call__(self) -> int:
         """Runs it."""
         from bodyimage_kin.study import commands
 
-        return commands.report_command(self.folder, self.baseline, self.atlas)
+        return commands.report_command(self.folder, self.baseline, self.atlas, self.publish)
 
 
 @dataclass(frozen=True)

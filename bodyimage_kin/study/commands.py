@@ -66,13 +66,16 @@ def status_command(out: Path) -> int:
     return _show_failures(results)
 
 
-def report_command(out: Path, baseline: str | None = None, atlas: str | None = None) -> int:
+def report_command(
+    out: Path, baseline: str | None = None, atlas: str | None = None, publish: Path | None = None
+) -> int:
     """``bodyimage-kin report DIR``: writes ``results.nc`` and ``report.html`` of what is done so far.
 
     Args:
         out: The store.
         baseline: Name of the estimator that others are compared with; None: as :func:`bodyimage_kin.report.write`.
         atlas: Name of the estimator whose errors are drawn over the face; None: likewise.
+        publish: Folder for numbers, table and figure of a published comparison (:func:`bodyimage_kin.report.publish`).
 
     Returns:
         0, or :data:`FAILED` when a cell failed.
@@ -81,7 +84,12 @@ def report_command(out: Path, baseline: str | None = None, atlas: str | None = N
         InvalidConfig: A folder without a study.
         UnknownName: No such estimator.
     """
-    return _written(_stored(out), out, baseline, atlas)
+    results = _stored(out)
+    if publish is not None:
+        from bodyimage_kin import report
+
+        report.publish(results, publish, baseline=baseline)
+    return _written(results, out, baseline, atlas)
 
 
 def fit_command(estimator: str, recording: Path, out: Path, *, embodiment: str | None = None, seed: int = 0) -> int:
