@@ -340,7 +340,8 @@ def test_the_commands_run_report_and_tell_how_far_it_is(tmp_path, capsys):
     assert "infant/still/odd, seeds 0: ValueError: nothing to learn" in capsys.readouterr().err
     assert commands.status_command(out) == commands.FAILED
     assert "infant/still/flat: 1 of 1 done\ninfant/still/odd: 0 of 1 done, 1 failed" in capsys.readouterr().out
-    assert commands.report_command(out, baseline="flat") == commands.FAILED
+    assert commands.report_command(out, baseline="flat", publish=tmp_path / "kept") == commands.FAILED
+    assert "| flat |" in (tmp_path / "kept/table.md").read_text()
     assert "nothing to learn" in (out / "report.html").read_text()
     with xr.open_dataset(out / "results.nc", engine="h5netcdf") as results:
         assert float(results["relative_error"].sel(estimator="flat").max()) > 0
