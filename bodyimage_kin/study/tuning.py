@@ -54,7 +54,7 @@ class Candidate:
         settings: What the space names; None is the setting's own None.
         errors: Relative displacement error on hidden regions, one an experience; empty after a failure.
         failure: What went wrong; empty when nothing did.
-        seconds: That all its fits took [s]. No part of equality.
+        seconds: CPU time that its fits and their judgement took [s]. No part of equality.
     """
 
     settings: Mapping[str, Any]
@@ -250,7 +250,7 @@ def _try(
     seeds: Sequence[int],
     body: Embodiment | None,
 ) -> Candidate:
-    begin = time.perf_counter()
+    begin = time.process_time()
     errors: tuple[float, ...] = ()
     failure = ""
     try:
@@ -261,7 +261,7 @@ def _try(
         errors = tuple(float(f"{max(float(np.mean(one)), _ROUNDING):.5g}") for one in judged)
     except (Exception, SystemExit) as problem:
         failure = describe(problem)
-    return Candidate(settings, errors, failure, time.perf_counter() - begin)
+    return Candidate(settings, errors, failure, time.process_time() - begin)
 
 
 def _fit(spec: Any, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[Any]:

@@ -68,9 +68,18 @@ class Memory(Estimator):
         return Remembered(torch.zeros(data.dr.shape[1], data.q.shape[1], dtype=torch.float64))
 
 
+class Blinking(ConstantJacobian):
+    """Foretells all steps but one."""
+
+    def _displacement(self, q, dq):
+        foreseen = super()._displacement(q, dq)
+        foreseen[0] = torch.nan
+        return foreseen
+
+
 @dataclass(frozen=True)
 class Moody(Estimator):
-    """Goes wrong in three of four ways of being set; the seed is what it answers."""
+    """Goes wrong in all ways but one."""
 
     way: str = "fits"
 
@@ -80,6 +89,8 @@ class Moody(Estimator):
         matrix = LeastSquares().fit(exp, seed).matrix
         if self.way == "leaves":
             raise SystemExit(1)
+        if self.way == "blinks":
+            return Blinking(matrix)
         wrong = {"nan": torch.full_like(matrix, torch.nan), "shape": matrix[:1], "huge": matrix * 1e200, "fits": matrix}
         return ConstantJacobian(wrong[self.way])
 
@@ -277,7 +288,7 @@ def test_an_estimator_of_the_users_own_is_tuned():
 
 
 def test_candidates_that_fail_are_recorded_and_never_chosen():
-    ways = ["raises", "leaves", "nan", "shape", "huge"]
+    ways = ["raises", "leaves", "nan", "blinks", "shape", "huge"]
     found = tune(Moody(), [motion(0.1)], budget=40, space={"way": {"choice": ways}})
     failures = {one.settings["way"]: one.failure for one in found.candidates}
     assert found.best().settings == {"way": "fits"}
@@ -285,6 +296,7 @@ def test_candidates_that_fail_are_recorded_and_never_chosen():
     assert failures["raises"] == "ValueError: no such luck"
     assert "SystemExit" in failures["leaves"]
     assert "not finite" in failures["nan"]
+    assert "not finite" in failures["blinks"]
     assert "not finite" in failures["huge"]
     assert "InvalidArray" in failures["shape"]
     for one in found.candidates:
