@@ -105,7 +105,7 @@ def _joint_space(body: Embodiment, count: int, seed: int) -> Float[Tensor, "post
     while len(seen) < count and len(drawn) < count * _DRAWS:
         drawn = body.felt_robot.sample(min(draws, count * _DRAWS), seed=seed)
         seen = drawn[_in_chunks(body.hand_in_camera, drawn)[:, 2] >= body.camera.near]
-        draws *= 4
+        draws = 1 + int(1.1 * draws * count / max(1, len(seen)))
     if len(seen) < count:
         raise NotVisible(
             f"embodiment '{body.name}': the hand is before the camera in only {len(seen)} of {len(drawn)} postures; "

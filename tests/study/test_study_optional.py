@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin import metrics
 from bodyimage_kin.recordings import read_recording
-from bodyimage_kin.study import Study, scores
+from bodyimage_kin.study import Study, probes, scores, scoring, specs
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +91,37 @@ def test_both_are_computed_only_when_they_are_named(monkeypatch, tmp_path):
     )
     assert study.run(tmp_path, "in-process")["failure"].item() == ""
     assert not {"basin_by_posture", "trajectory_split", "map_error"} & set(study.metrics)
+
+
+def test_a_wide_probe_is_worked_off_in_parts_and_scores_the_same(done, learned, body, monkeypatch):
+    store = done[1]
+    recordings = {
+        role: read_recording(store / f"recordings/infant/still/seed0_{role}.nc") for role in ("training", "tour")
+    }
+    facts = xr.open_dataset(store / "scenes/infant/still/block0.nc", engine="h5netcdf").load().isel(seed=0)
+    asked = []
+
+    class Watched:
+        displacement = staticmethod(learned.displacement)
+
+        def jacobian(self, q):
+            asked.append(len(q))
+            return learned.jacobian(q)
+
+    def score(chunk):
+        monkeypatch.setattr(scoring, "_CHUNK", chunk)
+        tables = {"wide": specs.probe_table({"joint_space": {"count": 1000}})}
+        settings = {"excitation_cut": 0.1, "per_posture": True, "map_seeds": (), "keep": ()}
+        return scoring.score(body, recordings, facts, Watched(), tables, **settings)
+
+    whole, parts = score(5000), score(300)
+    assert asked == [1000, 300, 300, 300, 100]
+    for name, value in whole.items():
+        np.testing.assert_allclose(parts[name], value, rtol=1e-12, atol=1e-15, err_msg=name)
+
+
+def test_a_wider_probe_of_the_joint_space_begins_with_the_narrower_one(body):
+    narrow, wide = (probes._joint_space(body, count, 5) for count in (50, 2000))
+    assert torch.equal(narrow, wide[:50])
+    drawn = body.felt_robot.sample(20_000, seed=5)
+    assert torch.equal(wide, drawn[body.hand_in_camera(drawn)[:, 2] >= body.camera.near][:2000])
