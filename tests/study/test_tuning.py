@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -440,3 +441,13 @@ def test_log_uniform_is_uniform_in_the_logarithm():
 def test_ridge_without_a_penalty_of_its_own_is_among_the_candidates():
     found = tune(Ridge(), [motion(0.1)], budget=12)
     assert None in [one.settings["penalty"] for one in found.candidates]
+
+
+def test_the_published_search_gave_all_the_same_budget_and_can_be_read():
+    published = read_tuning(Path(__file__).parents[2] / "comparisons" / "estimators" / "tuning.json")
+    assert set(published) == set(bk.estimators.names()) - {"Ensemble"}
+    assert len({(one.budget, one.seed, one.folds, one.criterion) for one in published.values()}) == 1
+    for name, one in published.items():
+        assert one.space == SPACES[name]
+        assert len(one.candidates) == (one.budget if one.space else 1)
+        assert one.chosen == specs.estimator_table({name: one.chosen[name] | dict(one.best().settings)})
