@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.report import style
 from bodyimage_kin.report._panels import legend_above
+from bodyimage_kin.study.foreknowledge.run import TARGET
 
 _SHOWN = (
     "posture_distance",
@@ -37,6 +38,7 @@ _TITLES = {
     "without_structure": "combined, structure unknown",
     "with_structure": "combined, structure known",
     "perturbed_arms": "perturbed arms",
+    "perturbed_arms_rough": "perturbed arms, rough",
     "calibrated_arm": "calibrated arm",
     "mean_of_others": "mean of the others",
 }
@@ -113,7 +115,7 @@ def r2_bars(found: Mapping[str, Any]) -> Figure:
         found: A summary.
 
     Returns:
-        Bars are cut at -1: what is worse than that is written beside its name as all others are.
+        Bars are cut at -1, and every R2 is written beside its bar. A predictor that was not asked has none.
 
     Raises:
         InvalidConfig: A summary without estimators.
@@ -136,9 +138,9 @@ def r2_bars(found: Mapping[str, Any]) -> Figure:
                 axes.plot(ends, [y, y], color="black", linewidth=1.0, solid_capstyle="butt")
             axes.annotate(_said(value), (1.04, y), va="center", fontsize=6.5, annotation_clip=False)
         axes.axvline(0.0, color="black", linewidth=0.6)
-        axes.axvline(0.85, color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
+        axes.axvline(TARGET, color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
         axes.set_title(f"({chr(ord('a') + index)}) {style.label(estimator)}", loc="left")
-        axes.set_xlabel("R² out of sample")
+        axes.set_xlabel(f"R² out of sample; dashed: {TARGET}")
         axes.tick_params(axis="y", length=0)
     grid[0, 0].set(xlim=(-1.0, 1.35), ylim=(len(names) - 0.4, -0.6), xticks=[-1.0, -0.5, 0.0, 0.5, 1.0])
     grid[0, 0].set_yticks(range(len(names)), [_TITLES.get(name, name) for name in names])

@@ -277,9 +277,10 @@ def test_a_run_is_summed_up(summary):
     for e, estimator in enumerate(ESTIMATORS):
         one = found["estimators"][estimator]
         assert one["measured"] == pytest.approx([cell[0].measured[e] for cell in cells.values()], rel=1e-4)
-        assert all(score.get("missing", 0) == 0 for score in one["predictors"].values())
+        missing = {name for name, score in one["predictors"].items() if score.get("missing", 0)}
+        assert missing == ({"perturbed_arms_rough"} if estimator == "rational_trig" else set())
         # Nothing is left to chance where images have no noise: the arm is found.
-        calibrated = [cell[0].foreseen[-1, e] for cell in cells.values()]
+        calibrated = [cell[0].foreseen[list(found["predictors"]).index("calibrated_arm"), e] for cell in cells.values()]
         np.testing.assert_allclose(calibrated, [cell[0].measured_touching[e] for cell in cells.values()], rtol=0.05)
     page = fk.markdown(found)
     assert all(one["assumes"] in page for one in found["predictors"].values())
@@ -349,3 +350,17 @@ def test_what_is_wrong_is_named(call, error, match, body, circle, touch):
     with pytest.raises(error, match=match):
         call(body, circle, touch)
     assert issubclass(error, BodyImageKinError)
+
+
+@pytest.mark.slow
+def test_no_bit_depends_on_the_number_of_workers():
+    settings = fk.Settings(seeds=2, touch_duration=10.0, arms=1, postures=10)
+    conditions = [one for one in fk.CONDITIONS if one.name in ("one turn, 3 cm", "noise-free, 3 cm")]
+    done = []
+    found = fk.run(settings, conditions, workers=2, progress=lambda *one: done.append(one))
+    assert done == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    for condition in conditions:
+        for seed in range(2):
+            here, there = run_cell(settings, condition, seed), found[condition.name][seed]
+            for field in dataclasses.fields(here):
+                np.testing.assert_array_equal(getattr(here, field.name), getattr(there, field.name))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -35,8 +36,9 @@ COMBINATIONS: Mapping[str, Combination] = {
     "without_structure": Combination(("posture_distance", "excitation_deficit", "gaussian_process")),
     "with_structure": Combination(("posture_distance", "gaussian_process", "perturbed_arms")),
 }
-_ARMS = {"rational_trig": 2}
-"""Fewer where a fit costs half a second."""
+_ARMS = {"rational_trig": (2, 0)}
+"""Most arms of ``perturbed_arms`` and ``perturbed_arms_rough`` where a fit costs half a second."""
+_ARM_PREDICTORS = ("perturbed_arms", "perturbed_arms_rough")
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,8 @@ class Settings:
         embodiment: Name, or path of a TOML file.
         seeds: Number of recordings of each condition.
         touch_duration: How long the face is touched [s].
-        arms: Perturbed arms for each recording, but for the estimators that are slow to fit (two).
+        arms: Perturbed arms for each recording, half as many rough ones; the estimator that is slow to fit has two and
+            none.
         postures: Postures of touching at which Jacobians are compared.
         backend: Kinematics backend; None: the default.
     """
@@ -73,7 +76,7 @@ class Cell:
         measured: (estimators,) at the postures that touch each taxel once: the headline.
         measured_touching: (estimators,) at the true postures of the touch motion.
         measured_by_posture: (estimators, postures) at each of these.
-        foreseen: (predictors, estimators); NaN where a predictor refused.
+        foreseen: (predictors, estimators); NaN where a predictor refused or was not asked.
         foreseen_by_posture: (predictors, estimators, postures); NaN where it cannot tell.
     """
 
@@ -85,22 +88,22 @@ class Cell:
 
 
 def predictors(settings: Settings, body: Embodiment, condition: Condition, estimator: str) -> dict[str, Predictor]:
-    """The predictors of a run, by name; the sensors' noise is declared to those that ask."""
-    return {
+    """The predictors of a run that are asked of an estimator, by name; sensors' noise is declared to those that ask."""
+    arms, rough = _ARMS.get(estimator, (settings.arms, math.ceil(settings.arms / 2)))
+    noise = {"encoder_noise": condition.encoder_noise, "image_noise": condition.image_noise}
+    found: dict[str, Predictor] = {
         "posture_distance": MeanPostureDistance(),
         "posture_distance_seen": MeanPostureDistance("seen"),
         "posture_distance_use": MeanPostureDistance("use"),
         "excitation_deficit": ExcitationDeficit(),
         "gaussian_process": GaussianProcessPosterior(),
         "gaussian_process_radial": GaussianProcessPosterior("radial"),
-        "perturbed_arms": PerturbedArms(
-            body,
-            min(settings.arms, _ARMS.get(estimator, settings.arms)),
-            encoder_noise=condition.encoder_noise,
-            image_noise=condition.image_noise,
-        ),
         "calibrated_arm": CalibratedArm(body),
+        "perturbed_arms": PerturbedArms(body, min(arms, settings.arms), **noise),
     }
+    if rough:
+        found["perturbed_arms_rough"] = PerturbedArms(body, rough, axis_spread=0.2, offset_spread=0.02, **noise)
+    return found
 
 
 def run_cell(settings: Settings, condition: Condition, seed: int) -> Cell:
@@ -114,20 +117,20 @@ def run_cell(settings: Settings, condition: Condition, seed: int) -> Cell:
     shared = predictors(settings, body, condition, "")
     said = {
         name: {
-            predictor: _said(shared[predictor] if predictor != "perturbed_arms" else own, about)
+            predictor: _said(own if predictor in _ARM_PREDICTORS else shared[predictor], about)
             for predictor, own in predictors(settings, body, condition, name).items()
         }
         for name, about in of.items()
     }
     measured = {name: _measure(body, about, touch["true_q"].values) for name, about in of.items()}
-    silent = np.full(len(known.postures), np.nan)
+    silent, nothing = np.full(len(known.postures), np.nan), Foresight(float("nan"), None)
     return Cell(
         measured=np.array([one[0] for one in measured.values()]),
         measured_touching=np.array([one[1] for one in measured.values()]),
         measured_by_posture=np.stack([one[2] for one in measured.values()]),
-        foreseen=np.array([[said[name][predictor].error for name in of] for predictor in shared]),
+        foreseen=np.array([[said[name].get(predictor, nothing).error for name in of] for predictor in shared]),
         foreseen_by_posture=np.stack(
-            [[_or(said[name][predictor].by_posture, silent) for name in of] for predictor in shared]
+            [[_or(said[name].get(predictor, nothing).by_posture, silent) for name in of] for predictor in shared]
         ),
     )
 

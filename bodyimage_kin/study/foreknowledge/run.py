@@ -166,6 +166,8 @@ _LABELS = {
     "excitation_deficit": "excitation deficit (control)",
     "gaussian_process": "Gaussian process posterior",
     "gaussian_process_radial": "Gaussian process posterior, radial",
+    "perturbed_arms": "perturbed arms (spreads 0.05 and 5 mm)",
+    "perturbed_arms_rough": "perturbed arms (spreads 0.2 and 20 mm)",
     "without_structure": "combined, structure unknown",
     "with_structure": "combined, structure known",
     MEAN_OF_OTHERS: "mean of the other conditions",
