@@ -75,6 +75,8 @@ LABELS: dict[str, str] = {
     "analytic": "analytic Jacobian",
     "analytic_midpoint": "analytic Jacobian, midpoint",
     "paper_mlp": "paper's network",
+    "paper_mlp_500": "paper's network, 500 steps",
+    "paper_mlp_tuned": "paper's network, tuned",
     "posture_mlp": "network of posture and motion",
     "jacobian_network": "Jacobian network",
     "forward_network": "forward network",
@@ -87,7 +89,15 @@ LABELS: dict[str, str] = {
     "gaussian_process": "Gaussian process",
     "recursive_least_squares": "recursive least squares",
     "locally_weighted": "locally weighted regression",
+    "broyden": "Broyden",
+    "kalman": "Kalman filter",
+    "forward_ensemble": "ensemble of forward networks",
     "self_calibration": "self-calibration",
+    "null_zero": "null: zero",
+    "null_scaled": "null: a tenth of the truth",
+    "null_rotated": "null: truth turned by 30 degrees",
+    "null_rank_one": "null: truth of rank one",
+    "null_other_arm": "null: another arm's",
     "direct": "direct sight",
     "jacobian_error_use": "Jacobian error, motion's metric",
     "velocity_correlation": "velocity correlation",
@@ -107,6 +117,7 @@ LABELS: dict[str, str] = {
     "on_circle": "on the circle",
     "in_front": "in front of the face",
     "on_face": "on the face",
+    "joint_space": "whole joint space",
 }
 """What a reader of the figure calls it."""
 

@@ -29,9 +29,10 @@ HERE = Path(__file__).parent
 EMBODIMENT = "infant"
 CONDITIONS: Mapping[str, Mapping[str, Any]] = {
     "noise_free": {},
+    "torque_noise": {"drag": {"torque_variance": 0.01}},
     "noisy": {"drag": {"torque_variance": 0.01}, "encoder_noise": 1e-3, "image_noise": 2e-4},
 }
-"""Settings of the circle that is learned from."""
+"""Settings of the circle that is learned from. Each condition's own best is what its study takes: ``study.py``."""
 RECORDINGS = 3
 """Of each condition."""
 SEED = 0

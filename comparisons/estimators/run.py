@@ -1,0 +1,131 @@
+"""Every estimator on 30 recordings of each condition: ``python comparisons/estimators/run.py --out FOLDER``.
+
+Takes settings from ``tuning.json``, those that were best on seen data of the same condition; writes for each condition
+``study.toml``, ``results.json``, ``table.md`` and the figure, and ``chain.json``: how the error of the Jacobian goes on
+to the touched path and to the map. What was computed before is found in the folder and not computed again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+import bodyimage_kin as bk
+from bodyimage_kin._files import write_text
+from bodyimage_kin._progress import progress
+from bodyimage_kin.study import chain
+from bodyimage_kin.study.scores import DEFAULT, MAP_SCORES
+from bodyimage_kin.study.tuning import read_tuning
+
+HERE = Path(__file__).parent
+BASELINE = "paper_mlp"
+TUNED = {
+    "ridge": "Ridge",
+    "paper_mlp_tuned": "PaperMLP",
+    "posture_mlp": "PostureMLP",
+    "jacobian_network": "JacobianNetwork",
+    "forward_network": "ForwardNetwork",
+    "nearest_neighbours": "NearestNeighbours",
+    "locally_weighted": "LocallyWeighted",
+    "trig_ridge": "TrigRidge",
+    "rational_trig": "RationalTrig",
+    "gaussian_process": "GaussianProcess",
+    "broyden": "Broyden",
+    "recursive_least_squares": "RecursiveLeastSquares",
+    "kalman": "Kalman",
+    "self_calibration": "SelfCalibration",
+}
+NULLS = {"zero": "Zero", "scaled": "Scaled", "rotated": "Rotated", "rank_one": "RankOne", "other_arm": "OtherArm"}
+PROBES = {
+    "on_circle": "on_circle",
+    "in_front": "in_front",
+    "on_face": "on_face",
+    "joint_space": {"joint_space": {"count": 20_000, "seed": 0}},
+}
+CHAIN = ("relative_error_use", "touch_trajectory_rmse", "map_error")
+
+
+def estimators(best: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Name in the study -> table, with the settings that were best."""
+    found: dict[str, Any] = {
+        "analytic": "Analytic",
+        "least_squares": "LeastSquares",
+        "least_squares_scaled": {"LeastSquares": {"scale": depth_ratio()}},
+        # As in the paper: nothing tuned.
+        "paper_mlp": {"PaperMLP": {"hidden": 10, "learning_rate": 0.2, "steps": 200}},
+        "paper_mlp_500": {"PaperMLP": {"hidden": 10, "learning_rate": 0.2, "steps": 500}},
+    }
+    found |= {name: {family: dict(best[family])} for name, family in TUNED.items()}
+    found["forward_ensemble"] = {"Ensemble": {"spec": found["forward_network"]}}
+    return found | {
+        f"null_{n}": {f"bodyimage_kin.estimators.nulls:{c}": {"truth": {"Analytic": {}}}} for n, c in NULLS.items()
+    }
+
+
+def depth_ratio() -> float:
+    """How much farther the hand is 3 cm in front of the face than on it: what a learner may be told."""
+    body = bk.load_embodiment("infant")
+    depth = body.hand_in_camera(body.touch_postures(range(body.skin.count), distance=0.03))[:, 2]
+    return round(float(depth.mean()) / body.camera.screen_distance, 3)
+
+
+def study(circle: Mapping[str, Any], best: Mapping[str, Mapping[str, Any]], seeds: int) -> bk.Study:
+    """The study of one condition."""
+    return bk.Study(
+        embodiments={"infant": "infant"},
+        # Maps need the paper's 800 s of touches.
+        recordings={"circle": {"circle": dict(circle), "touch": {"duration": 800.0}}},
+        estimators=estimators(best),
+        probes=PROBES,
+        metrics=(*(name for name in DEFAULT if "by_posture" not in name), *MAP_SCORES, "trajectory_split"),
+        seeds=seeds,
+    )
+
+
+def links(results: xr.Dataset) -> dict[str, Any]:
+    """Rank correlations along the chain; the truth is left out, and so are the nulls, which nobody learned."""
+    out = [
+        str(name) for name in results["estimator"].values if str(name) == "analytic" or str(name).startswith("null_")
+    ]
+    found = {}
+    for first, second in ((0, 1), (1, 2), (0, 2)):
+        one = chain(results, CHAIN[first], CHAIN[second], leave_out=out)
+        found[f"{CHAIN[first]} -> {CHAIN[second]}"] = {
+            str(name): round(float(value), 3) for name, value in one.squeeze("embodiment").data_vars.items()
+        }
+    return found
+
+
+def main() -> None:
+    """Runs and publishes each condition."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("reproduction/estimators"), help="folder of the stores")
+    parser.add_argument("--seeds", type=int, default=30, help="recordings of each condition")
+    parser.add_argument("--publish", type=Path, default=HERE, help="folder of what is kept")
+    arguments = parser.parse_args()
+    read_tuning(HERE / "tuning.json")
+    conditions = json.loads((HERE / "tuning.json").read_text(encoding="utf-8"))["conditions"]
+    chains = {}
+    for name, condition in conditions.items():
+        one = study(condition["circle"], condition["best"], arguments.seeds)
+        folder = arguments.publish / name
+        folder.mkdir(parents=True, exist_ok=True)
+        one.to_toml(folder / "study.toml")
+        began = time.monotonic()
+        with progress(name) as report:
+            results = one.run(arguments.out / name, report=report)
+        print(f"{name}: {time.monotonic() - began:.0f} s", flush=True)
+        bk.report.write(results, arguments.out / name / "report.html", baseline=BASELINE)
+        bk.report.publish(results, folder, baseline=BASELINE)
+        chains[name] = links(results)
+    write_text(arguments.publish / "chain.json", json.dumps(chains, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
