@@ -18,7 +18,7 @@ from bodyimage_kin.errors import (
     UnsupportedDevice,
 )
 
-BACKENDS = ("pinocchio", "pytorch_kinematics")
+BACKENDS = ("pinocchio", "pytorch_kinematics", "numba", "torch")
 REFERENCES = ("local_world_aligned", "local", "world")
 MAKERS = [infant, tricky]
 # torch 2.13 warns of itself in forward mode.
@@ -42,9 +42,10 @@ def rotation_rate(rotation, derivative):
 
 
 @pytest.mark.parametrize("make", MAKERS)
-def test_backends_agree_on_every_link(make):
+@pytest.mark.parametrize("backend", BACKENDS[1:])
+def test_backends_agree_on_every_link(make, backend):
     robot = make()
-    one, other = (kinematics(make, name) for name in BACKENDS)
+    one, other = (kinematics(make, name) for name in (BACKENDS[0], backend))
     q = torch.cat([robot.sample(6, seed=0), torch.zeros(1, robot.n), robot.upper.clamp(max=100.0)[None]])
     for link in robot.link_names:
         close(other.pose(q, link), one.pose(q, link), 1e-12)
@@ -54,15 +55,16 @@ def test_backends_agree_on_every_link(make):
 
 
 @pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize("backend", BACKENDS[1:])
 @given(data=st.data())
 @settings(max_examples=40)
-def test_backends_agree_with_each_other_and_with_differences(make, data):
+def test_backends_agree_with_each_other_and_with_differences(make, backend, data):
     robot = make()
     q = data.draw(postures(robot), label="q")
     link = data.draw(st.sampled_from(robot.link_names), label="link")
     batch = data.draw(st.sampled_from(BATCHES), label="batch")
     reference = data.draw(st.sampled_from(REFERENCES), label="reference")
-    one, other = (kinematics(make, name) for name in BACKENDS)
+    one, other = (kinematics(make, name) for name in (BACKENDS[0], backend))
     pose, jacobian = one.pose_and_jacobian(q, link)
     many = q.expand(*batch, robot.n)
     close(one.pose(many, link), pose.expand(*batch, 4, 4), 1e-15)
