@@ -76,7 +76,7 @@ def test_every_name_the_pages_link_to_is_there():
 
 
 def test_every_table_of_the_ambiguities_is_shown():
-    table = (ROOT / "comparisons/fuke2007/ambiguities.md").read_text(encoding="utf-8")
+    table = (ROOT / "comparisons/ambiguities/table.md").read_text(encoding="utf-8")
     page = (DOCS / "ambiguities.md").read_text(encoding="utf-8")
     for edge, side in (("start-after", "begin"), ("end-before", "end")):
         shown = re.findall(rf':{edge}: "<!-- {side} (\w+) -->"', page)
@@ -110,11 +110,12 @@ def test_the_documentation_builds_without_a_warning(tmp_path):
 
 @pytest.mark.slow
 def test_the_ambiguities_run_and_leave_no_table_out(tmp_path):
-    script = ROOT / "comparisons/fuke2007/ambiguities.py"
+    script = ROOT / "comparisons/ambiguities/run.py"
     command = [sys.executable, str(script), "--seeds", "1", "--duration", "30", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    kept, made = (json.loads((folder / "ambiguities.json").read_text()) for folder in (script.parent, tmp_path))
+    kept, made = (json.loads((folder / "results.json").read_text()) for folder in (script.parent, tmp_path))
     readings = [{name: list(found) for name, found in result["values"].items()} for result in (kept, made)]
     assert readings[0] == readings[1]
     assert kept["measures"] == made["measures"]
+    assert {path.name for path in tmp_path.iterdir()} == {"results.json", "table.md", "figure.svg", "figure.png"}

@@ -1,4 +1,4 @@
-"""The paper's network with each of its unclear settings as a field: what `ambiguities.py` varies.
+"""The paper's network with each of its unclear settings as a field: what `readings.py` varies.
 
 With the fields' defaults it is `bodyimage_kin.estimators.PaperMLP`, to rounding.
 """
@@ -67,13 +67,12 @@ class Network(Estimator):
         hidden: Units in each hidden layer.
         depth: Number of hidden layers.
         learning_rate: Of gradient descent.
-        steps: Sweeps over all samples; samples presented, for ``update="sample"``.
+        steps: Of descent: sweeps over all samples, or single ones for ``update="sample"``.
         posture: Whether the posture is an input beside dq.
         unit: ``"tanh"`` or ``"logistic"``.
         scaling: ``"spread"``: inputs and outputs divided by their standard deviation; ``"range"``: brought to
             [-1, 1]; ``"none"``: radians and metres.
-        update: ``"mean"`` of all samples at once, their ``"sum"``, ``"online"`` after each sample in every sweep, or
-            ``"sample"``: one sample a step.
+        update: ``"mean"`` of all samples at once, their ``"sum"``, or ``"sample"``: one sample a step.
     """
 
     hidden: int = 10
@@ -86,7 +85,7 @@ class Network(Estimator):
     update: str = "mean"
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> Perceptron:
-        """Learns from an experience; the seed draws first weights and the order of samples."""
+        """Learns from an experience; the seed draws first weights and single samples."""
         data = pairs(exp)
         inputs = torch.cat([data.q, data.dq], dim=1) if self.posture else data.dq
         centre = torch.zeros(inputs.shape[1], dtype=inputs.dtype)
@@ -99,15 +98,9 @@ class Network(Estimator):
         rng = np.random.default_rng(seed)
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(self.steps):
-                if self.update in ("mean", "sum"):
-                    batches = [slice(None)]
-                elif self.update == "online":
-                    batches = [slice(i, i + 1) for i in rng.permutation(len(x))]
-                else:
-                    batches = [slice(i, i + 1) for i in rng.integers(len(x), size=1)]
-                for batch in batches:
-                    size = len(x[batch]) if self.update == "mean" else 1
-                    layers = self._step(layers, x[batch], y[batch], self.learning_rate / size)
+                batch = rng.integers(len(x), size=1) if self.update == "sample" else slice(None)
+                size = len(x) if self.update == "mean" else 1
+                layers = self._step(layers, x[batch], y[batch], self.learning_rate / size)
         return Perceptron(layers, centre, in_scale, out_scale, self.posture, self.unit)
 
     def _scale(self, values: Float[Tensor, "steps d"]) -> Float[Tensor, "d"]:
