@@ -45,7 +45,8 @@ class _SayCompiling(event.Listener):
     said = False
 
     def on_start(self, event: event.Event) -> None:
-        ours = event.data["dispatcher"].py_func.__module__.startswith("bodyimage_kin.")
+        # A function that was not defined in a file may have no module.
+        ours = (event.data["dispatcher"].py_func.__module__ or "").startswith("bodyimage_kin.")
         if ours and not _SayCompiling.said:
             _SayCompiling.said = True
             print("bodyimage_kin: compiling for this processor, once; some ten seconds", file=sys.stderr)

@@ -267,7 +267,7 @@ class Embodiment:
         self, q: Float[Tensor, "*batch p"]
     ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3 p"]]:
         """The hand's centre in the axes of the skin's link [m], and its derivative [m/rad], without gradient."""
-        flat = q.detach().reshape(-1, self.p).to(torch.float64)
+        flat = q.detach().reshape(-1, self.p).to("cpu", torch.float64)
         arrays = [
             part.contiguous().numpy()
             for part in (
@@ -278,7 +278,7 @@ class Embodiment:
         ]
         position, jacobian = flat.new_empty(len(flat), 3), flat.new_empty(len(flat), 3, self.p)
         point_in_frame(*arrays, position.numpy(), jacobian.numpy())
-        return position.reshape(*q.shape[:-1], 3), jacobian.reshape(*q.shape[:-1], 3, self.p)
+        return position.to(q).reshape(*q.shape[:-1], 3), jacobian.to(q).reshape(*q.shape[:-1], 3, self.p)
 
     # Inner -----------------------------------------------------------------------------------------------------------
 

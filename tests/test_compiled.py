@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numba
 import numpy as np
 import pytest
 import torch
@@ -23,6 +26,12 @@ def test_functions_compile_where_nothing_can_be_cached(monkeypatch: pytest.Monke
 
 def abs_of(x: float) -> float:
     return abs(x)
+
+
+def test_functions_of_others_compile_as_ever() -> None:
+    scope: dict[str, Any] = {}
+    exec("def twice(x):\n    return 2 * x", {"__name__": None}, scope)
+    assert numba.njit(scope["twice"])(3.0) == 6.0
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -184,10 +184,13 @@ class BodyImage:
         """Learn maps of several experiences, one seed each, in as many threads as torch is allowed.
 
         Args:
-            exps: One experience for each seed; the same one where only the first maps differ.
-            hands: Hand images to learn from, one for each seed.
+            exps: An experience for each seed, as for :meth:`learn`; the same one where only the first maps differ.
+            hands: A hand image to learn from for each seed, (trial, time, axis) [m on the screen].
             seeds: Of everything random, one each.
             **settings: Of :meth:`learn`, the same for all.
+
+        Returns:
+            What :meth:`learn` gives for each, in their order.
 
         Raises:
             InvalidConfig: Unequal numbers of experiences, hands and seeds; and as :meth:`learn`.

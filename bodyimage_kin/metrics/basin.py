@@ -120,7 +120,7 @@ def servo_basin(
     limits = _limits(lower, upper, goals.shape[1])
     _require(0 < gain < np.inf, "gain", gain, "a positive number")
     _require(_LEAST_DAMPING <= damping < np.inf, "damping", damping, f"a number of at least {_LEAST_DAMPING}")
-    _require(steps >= 1, "steps", steps, "at least 1")
+    _require(isinstance(steps, int) and steps >= 1, "steps", steps, "a whole number of at least 1")
     _require(0 < tolerance < np.inf, "tolerance", tolerance, "a positive number of metres")
     away = as_floats(distances, "distances", ndim=1)
     ascend = away.ndim == 1 and bool(np.isfinite(away).all() and (np.diff(away, prepend=tolerance) > 0).all())

@@ -85,8 +85,8 @@ def error_split(
         InvalidArray: Arrays that do not fit together, or a function's value of a wrong shape.
         InvalidConfig: Less than one node.
     """
-    if nodes < 1:
-        raise InvalidConfig(f"nodes is {nodes}; give at least 1")
+    if not isinstance(nodes, int) or nodes < 1:
+        raise InvalidConfig(f"nodes is {nodes}; give a whole number of at least 1")
     q, true_image = as_floats(q, "q", ndim=2), as_floats(true_image, "true_image", ndim=2)
     if q.shape[:-1] != true_image.shape[:-1]:
         raise InvalidArray(f"q has shape {q.shape} but true_image {true_image.shape}; all axes but the last must agree")

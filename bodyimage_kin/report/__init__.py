@@ -37,20 +37,22 @@ def write(
 def publish(results: xr.Dataset, folder: str | os.PathLike[str], *, baseline: str | None = None) -> Path:
     """Writes what a published comparison consists of, beside its config and its findings.
 
-    ``results.json`` has every number, ``table.md`` the ones to be read, ``errors.svg`` and ``errors.png`` the errors at
-    every probe.
+    ``results.json`` has the numbers of table and figure with their intervals, ``table.md`` the ones to be read,
+    ``errors.svg`` and ``errors.png`` the errors at every probe. Ratios are on the face; p-values are adjusted over all
+    comparisons of one embodiment.
 
     Args:
         results: Of :meth:`bodyimage_kin.Study.run`.
         folder: Made when missing.
-        baseline: Name of the estimator that others are compared with; None: the first.
+        baseline: Name of the estimator that others are compared with; None: the first that is not the truth itself.
 
     Returns:
         The table's path.
 
     Raises:
         UnknownName: No such estimator.
-        InvalidConfig: Results without ``relative_error_use``.
+        InvalidConfig: Results without ``relative_error_use``, or of a study that was not run to its end.
+        OutputRefused: A folder that cannot be written to.
     """
     from bodyimage_kin.report import publication
 

@@ -15,10 +15,8 @@ from bodyimage_kin.report._panels import legend_above
 
 _SHADES = ("#c9c9c9", "#8fb5d9", "#c2407e", "#5b3a8e")
 _MARKS = ("D", "s", "o", "^")
-_LEAST = 1e-3
-"""Errors below are drawn here: the analytic Jacobian has none."""
-_MOST = 30.0
-"""Errors beyond are drawn here: of an estimator that extrapolates wildly, it matters only that it does."""
+_LEAST, _MOST = 1e-3, 30.0
+"""Errors beyond are drawn here, as open marks: of the truth itself, and of what extrapolates wildly."""
 
 
 @style.style()
@@ -32,7 +30,7 @@ def by_probe(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], probes: Sequ
 
     Returns:
         A panel a recording, a row an estimator, the smallest error on the face of the first recording on top; bars are
-        95 % intervals. Errors below 0.001 or above 30 sit on the edge.
+        95 % intervals. Errors below 0.001 or above 30 are open marks there.
 
     Raises:
         InvalidConfig: No recording, or more probes than can be told apart.
@@ -41,7 +39,7 @@ def by_probe(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], probes: Sequ
         raise InvalidConfig(f"{len(scores)} recordings and {len(probes)} probes; give one to {len(_SHADES)} probes")
     last = "on_face" if "on_face" in probes else probes[-1]
     first = next(iter(scores.values()))
-    names = sorted(first, key=lambda name: _place(first[name], last, "mean"), reverse=True)
+    names = sorted(first, key=lambda name: _order(first[name], last), reverse=True)
     panels_in_row = min(3, len(scores))
     rows = math.ceil(len(scores) / panels_in_row)
     figure = style.new_figure(style.DOUBLE_COLUMN, rows * (0.5 + 0.16 * len(names)) + 0.5)
@@ -59,9 +57,13 @@ def by_probe(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], probes: Sequ
                     continue
                 front = 3 if probe == last else 2
                 axes.plot([lower, upper], [height, height], color=shade, linewidth=1.4, zorder=front)
-                handles[probe] = axes.plot(
-                    [mean], [height], mark, color=shade, markersize=3.5, zorder=front, label=style.label(probe)
-                )[0]
+                beyond = found[name]["relative_error_use"][probe]["mean"] != mean
+                dot = axes.plot([mean], [height], mark, color=shade, markersize=3.5, zorder=front)[0]
+                if beyond:
+                    dot.set_markerfacecolor("white")
+                elif probe not in handles:
+                    handles[probe] = dot
+                    dot.set_label(style.label(probe))
         axes.axvline(1.0, color="0.45", linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
         axes.set(
             xscale="log",
@@ -79,9 +81,16 @@ def by_probe(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], probes: Sequ
         axes.tick_params(labelbottom=True)
     for axes in panels[len(scores) :]:
         axes.set_visible(False)
-    figure.supxlabel("relative error of the Jacobian, motion's metric (dashed: a Jacobian of zeros)", fontsize=8)
+    told = "relative error of the Jacobian, motion's metric (dashed: a Jacobian of zeros"
+    figure.supxlabel(f"{told}; open: beyond {_LEAST:g} or {_MOST:g})", fontsize=8)
     legend_above(figure, [handles[probe] for probe in probes if probe in handles])
     return figure
+
+
+def _order(row: Mapping[str, Any], probe: str) -> float:
+    """The error itself, that of nobody last."""
+    mean = row["relative_error_use"][probe]["mean"]
+    return math.inf if mean is None else float(mean)
 
 
 def _place(row: Mapping[str, Any], probe: str, key: str) -> float:

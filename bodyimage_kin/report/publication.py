@@ -12,15 +12,25 @@ import numpy as np
 import xarray as xr
 
 from bodyimage_kin._files import write_text
-from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.report import error_figures, style
 from bodyimage_kin.study import summary
+from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.scores import PARTS
 
 _HEADLINE = "relative_error_use"
-_OTHERS = ("relative_error", "scale_free_error", "displacement_error", "trajectory_rmse", "fit_seconds")
-_EXACT = 1e-6
-"""Below this an estimator is the truth itself, and ratios to it mean nothing."""
+_OTHERS = (
+    "relative_error", "scale_free_error", "displacement_error", "trajectory_rmse", "touch_trajectory_rmse", "map_error",
+    "map_topological_error", "fit_seconds",
+)  # fmt: skip
+_COLUMNS = {
+    "displacement_error": ("tour", 1.0, "relative error of displacements on the tour of the face"),
+    "touch_trajectory_rmse": ("path [mm]", 1e3, "RMS error of the path integrated while touching"),
+    "map_error": ("map", 1.0, "RMS distance from the map of direct sight, over that map's extent"),
+    "map_topological_error": ("order", 1.0, "taxels out of order, of 440"),
+    "fit_seconds": ("fit [s]", 1.0, "time to fit a recording"),
+}
+"""Score -> head of its column, factor, and what it is."""
 
 
 def write(results: xr.Dataset, folder: Path, baseline: str | None) -> Path:
@@ -30,8 +40,16 @@ def write(results: xr.Dataset, folder: Path, baseline: str | None) -> Path:
     names = [str(name) for name in results["estimator"].values]
     if baseline is not None and baseline not in names:
         raise UnknownName("estimator in the results", baseline, names)
-    numbers = _numbers(results, baseline or names[0])
-    folder.mkdir(parents=True, exist_ok=True)
+    if missing := int((results["failure"] == MISSING).sum()):
+        raise InvalidConfig(
+            f"{missing} of {results['failure'].size} fits are {MISSING}; run the study to its end first"
+        )
+    learned = [name for name in names if name not in summary.exact(results, _HEADLINE)]
+    numbers = _numbers(results, baseline or next(iter(learned), names[0]))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise OutputRefused(f"cannot write to '{folder}': {problem.strerror}; name another folder") from None
     write_text(folder / "results.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
     write_text(folder / "table.md", _table(numbers))
     style.save(error_figures.by_probe(numbers["scores"], numbers["probes"]), folder, "errors")
@@ -40,10 +58,13 @@ def write(results: xr.Dataset, folder: Path, baseline: str | None) -> Path:
 
 def _numbers(results: xr.Dataset, baseline: str) -> dict[str, Any]:
     """Everything that table and figure say, ready for JSON: numbers to four digits, none as None."""
+    probes = [str(probe) for probe in results["probe"].values]
+    last = "on_face" if "on_face" in probes else probes[-1]
     found: dict[str, Any] = {
         "baseline": baseline,
         "seeds": results.sizes["seed"],
-        "probes": [str(probe) for probe in results["probe"].values],
+        "probes": probes,
+        "compared_at": last,
         "versions": json.loads(results.attrs.get("versions", "{}")),
         "urdf_sha256": json.loads(results.attrs.get("urdf_sha256", "{}")),
         "failures": summary.failures(results),
@@ -51,9 +72,9 @@ def _numbers(results: xr.Dataset, baseline: str) -> dict[str, Any]:
     }
     scores = [score for score in (_HEADLINE, *_OTHERS) if score in results]
     means = {score: summary.summarise(results, score) for score in scores}
-    ratios = _ratios(results, baseline)
     parts = results["attribution"].mean("seed") if "attribution" in results else None
     for embodiment in results["embodiment"].values:
+        ratios = _ratios(results.sel(embodiment=[embodiment], probe=last), baseline)
         for recording in results["recording"].values:
             rows = {}
             for estimator in results["estimator"].values:
@@ -67,10 +88,7 @@ def _numbers(results: xr.Dataset, baseline: str) -> dict[str, Any]:
                     }
                 if ratios is not None and str(estimator) in ratios["estimator"].values:
                     ratio = ratios.sel(recording=recording, estimator=estimator)
-                    row["ratio"] = {
-                        str(probe): {key: _digits(ratio[key].sel(probe=probe)) for key in ratio.data_vars}
-                        for probe in ratio["probe"].values
-                    }
+                    row["ratio"] = {str(key): _digits(ratio[key]) for key in ratio.data_vars}
                 rows[str(estimator)] = row
             found["scores"][_place(results, str(embodiment), str(recording))] = rows
     return found
@@ -82,11 +100,8 @@ def _place(results: xr.Dataset, embodiment: str, recording: str) -> str:
 
 def _ratios(results: xr.Dataset, baseline: str) -> xr.Dataset | None:
     """Each estimator over the baseline, of those that are not the truth itself."""
-    names = [
-        str(name)
-        for name in results["estimator"].values
-        if not bool((results[_HEADLINE].sel(estimator=name) < _EXACT).any())
-    ]
+    truth = summary.exact(results, _HEADLINE)
+    names = [str(name) for name in results["estimator"].values if str(name) not in truth]
     if baseline not in names or len(names) < 2:
         return None
     return summary.compare(results.sel(estimator=names), _HEADLINE, baseline)
@@ -106,57 +121,54 @@ def _digits(value: Any) -> float | None:
 
 def _table(numbers: Mapping[str, Any]) -> str:
     """One table a recording, the smallest error on the face first."""
-    probes = numbers["probes"]
-    last = "on_face" if "on_face" in probes else probes[-1]
+    probes, last = numbers["probes"], numbers["compared_at"]
+    rows_of_all = [row for rows in numbers["scores"].values() for row in rows.values()]
+    columns = [score for score in _COLUMNS if any(score in row for row in rows_of_all)]
     lines = [
         f"Relative error of the Jacobian in the motion's metric, mean over {numbers['seeds']} recordings with its 95 % "
         f"interval (BCa bootstrap) {style.label(last)}. *ratio*: geometric mean over that of "
         f"{style.label(numbers['baseline'])}, paired by recording; p by flipped signs, after Holm. *depth*, "
-        "*variation*: these parts of the squared error. *fit*: seconds a recording.",
+        f"*variation*: these parts of the squared error {style.label(last)}. (k of n): recordings that did not fail.",
     ]
+    names = [style.label(probe) for probe in probes]
+    head = ["estimator", *names, "ratio", "p", "depth", "variation", *(_COLUMNS[score][0] for score in columns)]
     for place, rows in numbers["scores"].items():
-        head = [
-            "estimator",
-            *(style.label(probe) for probe in probes),
-            "ratio",
-            "p",
-            "depth",
-            "variation",
-            "tour",
-            "fit",
-        ]
         lines += ["", f"### {style.label(place)}", "", _line(head), _line(["---"] + ["---:"] * (len(head) - 1))]
         for name, row in sorted(rows.items(), key=lambda item: _sortable(item[1][_HEADLINE][last]["mean"])):
-            lines.append(_line([style.label(name), *_cells(row, probes, last)]))
-    lines += ["", "*tour*: relative error of displacements on the tour of the face."]
+            done = row[_HEADLINE][last]["recordings"]
+            some = f" ({done:.0f} of {numbers['seeds']})" if done < numbers["seeds"] else ""
+            lines.append(_line([style.label(name) + some, *_cells(row, probes, last, columns)]))
+    lines += ["", "; ".join(f"*{_COLUMNS[score][0]}*: {_COLUMNS[score][2]}" for score in columns) + "."]
     said = ", ".join(f"{name} {version}" for name, version in numbers["versions"].items())
     return "\n".join([*lines, "", f"Versions: {said}.", ""])
 
 
-def _cells(row: Mapping[str, Any], probes: list[str], last: str) -> list[str]:
+def _cells(row: Mapping[str, Any], probes: list[str], last: str, columns: list[str]) -> list[str]:
     errors = row[_HEADLINE]
-    ratio = row.get("ratio", {}).get(last)
+    ratio = row.get("ratio")
     parts = row.get("attribution", {}).get(last, {})
     return [
         *(_number(errors[probe]["mean"]) + (_interval(errors[probe]) if probe == last else "") for probe in probes),
         _number(ratio["ratio"]) + _interval(ratio) if ratio else "",
-        ("< .001" if ratio["p_holm"] < 1e-3 else _number(ratio["p_holm"]))
-        if ratio and ratio["p_holm"] is not None
-        else "",
+        _p(ratio["p_holm"]) if ratio else "",
         _number(parts.get("depth")),
         _number(parts.get("variation")),
-        _number(row.get("displacement_error", {}).get("mean")),
-        _number(row.get("fit_seconds", {}).get("mean")),
+        *(_number(row.get(score, {}).get("mean"), _COLUMNS[score][1]) for score in columns),
     ]
+
+
+def _p(value: float | None) -> str:
+    return "< .001" if value is not None and value < 1e-3 else _number(value)
 
 
 def _sortable(value: float | None) -> float:
     return np.inf if value is None else value
 
 
-def _number(value: float | None) -> str:
+def _number(value: float | None, factor: float = 1.0) -> str:
     if value is None:
         return "–"  # noqa: RUF001
+    value *= factor
     return f"{value:.3f}" if 5e-4 <= abs(value) < 100 or value == 0 else f"{value:.1e}"
 
 

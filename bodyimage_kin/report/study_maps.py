@@ -39,18 +39,17 @@ _TOGETHER = 6
 """Estimators that one figure can tell apart."""
 
 
-def section(results: xr.Dataset, exact: float) -> dict[str, Any] | None:
+def section(results: xr.Dataset) -> dict[str, Any] | None:
     """All that the page's section on maps shows; None without scores of maps.
 
     Args:
-        results: Of a study.
-        exact: Below this relative error an estimator is the truth itself, and left out of correlations and figures.
+        results: Of a study. The truth itself is left out of correlations and figures.
     """
     if MAP not in results and PATH not in results:
         return None
     probes = [str(name) for name in results["probe"].values] if "probe" in results.dims else []
     probe = "on_face" if "on_face" in probes or not probes else probes[-1]
-    left_out = _exact(results, probe, exact)
+    left_out = summary.exact(results, JACOBIAN) if JACOBIAN in results else []
     links = []
     for source, target in _LINKS:
         if source in results and target in results and len(left_out) < results.sizes["estimator"]:
@@ -70,13 +69,13 @@ def section(results: xr.Dataset, exact: float) -> dict[str, Any] | None:
     }
 
 
-def pictures(results: xr.Dataset, exact: float) -> list[tuple[str, str, Figure]]:
+def pictures(results: xr.Dataset) -> list[tuple[str, str, Figure]]:
     """Title, text and figure of each scatter of the chain."""
     if not {JACOBIAN, PATH, MAP} <= set(results.data_vars):
         return []
     probes = [str(name) for name in results["probe"].values]
     probe = "on_face" if "on_face" in probes else probes[-1]
-    left_out = _exact(results, probe, exact)
+    left_out = summary.exact(results, JACOBIAN) if JACOBIAN in results else []
     names = [str(name) for name in results["estimator"].values if str(name) not in left_out]
     found = []
     for embodiment in results["embodiment"].values:
@@ -98,14 +97,6 @@ def pictures(results: xr.Dataset, exact: float) -> list[tuple[str, str, Figure]]
             figure = score_figures.score_chain(cells_there, named=there[first : first + _TOGETHER])
             found.append((f"{embodiment}: from the Jacobian to the map", text, figure))
     return found
-
-
-def _exact(results: xr.Dataset, probe: str, exact: float) -> list[str]:
-    """Estimators that are the truth itself."""
-    if JACOBIAN not in results:
-        return []
-    errors = results[JACOBIAN].sel(probe=probe)
-    return [str(name) for name in errors["estimator"].values if bool((errors.sel(estimator=name) < exact).any())]
 
 
 def _tables(results: xr.Dataset) -> list[dict[str, Any]]:

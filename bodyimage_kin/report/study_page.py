@@ -25,8 +25,6 @@ from bodyimage_kin.study.statistics import PUBLISHED
 
 _HEADLINE = "relative_error_use"
 _COMPARED = "relative_error_use"
-_EXACT = 1e-6
-"""Below this an estimator is the truth itself, and has no place on a logarithmic axis or in a ratio."""
 _TOGETHER = 6
 """Estimators that one figure can tell apart."""
 _MOST = 4.0
@@ -63,7 +61,7 @@ def write(results: xr.Dataset, path: Path, baseline: str | None, atlas: str | No
         failures=summary.failures(results),
         pictures=_pictures(results, atlas),
         excitation=_excitation(results),
-        maps=study_maps.section(results, _EXACT),
+        maps=study_maps.section(results),
         recordings=results.sizes["seed"],
         published=PUBLISHED,
         config=json.dumps(json.loads(results.attrs.get("config", "{}")), indent=1),
@@ -87,7 +85,7 @@ def _sentences(results: xr.Dataset, means: Mapping[str, xr.Dataset]) -> list[str
         farthest = str(results["probe"].values[-2 if sizes["probe"] > 1 else -1])
         probe = "on_face" if "on_face" in results["probe"].values else farthest
         found = means[_HEADLINE]["mean"].sel(probe=probe).mean(("embodiment", "recording"))
-        learned = found.where(found > _EXACT).dropna("estimator")
+        learned = found.where(found > summary.EXACT).dropna("estimator")
         if learned.size:
             best, worst = (learned.isel(estimator=int(at(learned.values))) for at in (np.argmin, np.argmax))
             said.append(
@@ -148,7 +146,7 @@ def _comparison(results: xr.Dataset, baseline: str, estimators: Sequence[str]) -
     """Every estimator against the baseline, of those that are not the truth itself."""
     if _COMPARED not in results:
         return None
-    learned = [name for name in estimators if not bool((results[_COMPARED].sel(estimator=name) < _EXACT).any())]
+    learned = [name for name in estimators if name not in summary.exact(results, _COMPARED)]
     if baseline not in learned or len(learned) < 2:
         return None
     found = summary.compare(results.sel(estimator=learned), _COMPARED, baseline)
@@ -195,7 +193,7 @@ def _pictures(results: xr.Dataset, atlas: str | None) -> list[dict[str, str]]:
             found += [("attribution", *picture) for picture in _attributions(one, place)]
             found += [("distance", *picture) for picture in _distances(one, place)]
             found += [("atlas", *picture) for picture in _atlas(one, place, results, str(embodiment), atlas)]
-    found += [("maps", *picture) for picture in study_maps.pictures(results, _EXACT)]
+    found += [("maps", *picture) for picture in study_maps.pictures(results)]
     drawn = []
     with tempfile.TemporaryDirectory() as folder:
         for index, (section, title, text, figure) in enumerate(found):
@@ -210,7 +208,7 @@ def _learned(one: xr.Dataset, score: str) -> list[str]:
     names = []
     for name in one["estimator"].values:
         values = one[score].sel(estimator=name).values
-        if np.isfinite(values).any() and np.nanmax(values) > _EXACT:
+        if np.isfinite(values).any() and np.nanmax(values) > summary.EXACT:
             names.append(str(name))
     return names
 
@@ -283,10 +281,10 @@ def _atlas(
     if "on_face" not in one["probe"].values or not any(score in one for score in _ATLAS):
         return []
     face = one.sel(probe="on_face")
-    score = next(name for name in ("relative_error_by_posture", _HEADLINE, *_ATLAS) if name in face)
-    names = _learned(face, score)
+    errors = [score for score in ("relative_error_by_posture", _HEADLINE) if score in face]
+    names = _learned(face, errors[0]) if errors else []
     if chosen is None and names:
-        chosen = min(names, key=lambda name: float(face[score].sel(estimator=name).mean()))
+        chosen = min(names, key=lambda name: float(face[errors[0]].sel(estimator=name).mean()))
     shape = json.loads(results.attrs.get("skin_shape", "{}")).get(embodiment)
     if chosen is None or shape is None:
         return []

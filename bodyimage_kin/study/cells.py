@@ -128,12 +128,12 @@ def run_cell(ground: Ground, scene: Scene, name: str, table: Table, keep: Sequen
         has NaN for every score.
     """
     body = load_body(ground)
-    begin = time.perf_counter()
+    begin = time.thread_time()
     try:
         all_learned = _fit(ground, scene, name, build_estimator(table, body))
     except (Exception, SystemExit) as problem:
         return failed(ground, keep, describe(problem))
-    seconds = (time.perf_counter() - begin) / len(ground.seeds)
+    seconds = (time.thread_time() - begin) / len(ground.seeds)
     found = []
     for index, learned in enumerate(all_learned):
         try:

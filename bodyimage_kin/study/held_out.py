@@ -18,7 +18,7 @@ from bodyimage_kin.estimators.base import Pairs, pairs
 
 
 @dataclass(frozen=True, eq=False)
-class Lesson:
+class HeldOut:
     """An experience with one region hidden.
 
     Attributes:
@@ -30,7 +30,7 @@ class Lesson:
     hidden: Pairs
 
 
-def lessons(exp: xr.Dataset, regions: int) -> list[Lesson]:
+def hold_out(exp: xr.Dataset, regions: int) -> list[HeldOut]:
     """One for each region of an experience.
 
     Args:
@@ -47,7 +47,7 @@ def lessons(exp: xr.Dataset, regions: int) -> list[Lesson]:
     found = []
     for hidden in range(regions):
         try:
-            lesson = Lesson(_only(exp, region != hidden), pairs(_only(exp, region == hidden)))
+            lesson = HeldOut(_only(exp, region != hidden), pairs(_only(exp, region == hidden)))
             pairs(lesson.seen)
         except InvalidRecording as problem:
             raise InvalidRecording(f"region {hidden} of {regions} cannot be held out: {problem}") from None

@@ -60,7 +60,9 @@ SCORES: Mapping[str, Score] = {
     ),
     "velocity_nrmse": Score(("axis",), "velocity error over the range of the true one", source="velocity_nrmse"),
     "trajectory_rmse": Score((), "position error of the integrated tour", "m", "trajectory_rmse"),
-    "fit_seconds": Score((), "time to fit, the block's over its seeds; measured, so never twice the same", "s"),
+    "fit_seconds": Score(
+        (), "processor time to fit, the block's over its seeds; measured, so never twice the same", "s"
+    ),
     "relative_error_by_posture": Score(_BY_POSTURE, "relative error, motion's metric", source="relative_error"),
     "scale_free_error_by_posture": Score(_BY_POSTURE, "scale-free error, motion's metric", source="scale_free_error"),
     "depth_by_posture": Score(_BY_POSTURE, "what each posture adds to the part depth, times their number"),
@@ -69,7 +71,12 @@ SCORES: Mapping[str, Score] = {
         _BY_POSTURE, "gain below which a sampled visual servo converges", source="critical_gain", ratio=False
     ),
     "trajectory_split": Score(
-        ("cause",), "parts of the position error of the integrated tour", "m", "error_split", ratio=False, optional=True
+        ("cause",),
+        "parts of the position error of the tour integrated from true postures",
+        "m",
+        "error_split",
+        ratio=False,
+        optional=True,
     ),
     "basin_by_posture": Score(
         _BY_POSTURE,

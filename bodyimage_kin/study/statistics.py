@@ -26,6 +26,8 @@ Scores: TypeAlias = Any
 PUBLISHED = 30
 """Recordings that an interval needs before it is fit to be published."""
 _RESAMPLES = 9999
+_FLIPS = 99_999
+"""More, for the least p that so many can give is multiplied by the number of comparisons."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def interval(scores: Scores, *, level: float | int = 0.95, resamples: int = _RES
     return Interval(estimate, float(found.low), float(found.high), count)
 
 
-def sign_flip(differences: Scores, *, resamples: int = _RESAMPLES, seed: int = 0) -> float:
+def sign_flip(differences: Scores, *, resamples: int = _FLIPS, seed: int = 0) -> float:
     """Two-sided p of paired differences being as likely of either sign: the sign-flip permutation test.
 
     Args:

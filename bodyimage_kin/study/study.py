@@ -208,7 +208,8 @@ class Study:
         finally:
             # Cells worked off in this process compute with one.
             torch.set_num_threads(threads)
-        return self.gather(place.folder)
+        # Not claimed again: another run may have let the store grow meanwhile.
+        return results.gather(self, place, origin)
 
     def gather(self, store: str | Path) -> xr.Dataset:
         """What a store holds of this study; cells that are missing count as failed.

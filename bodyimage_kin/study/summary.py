@@ -15,6 +15,22 @@ from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.study import statistics
 
 _UNITS = ("embodiment", "seed")
+EXACT = 1e-6
+"""A relative error below this is that of the truth itself."""
+
+
+def exact(results: xr.Dataset, score: str) -> list[str]:
+    """Estimators that are the truth itself: exact (to :data:`EXACT`) in every recording and at every probe.
+
+    They have no place on a logarithmic axis or in a ratio. One that is exact now and then, such as self-calibration
+    without noise, is none of them.
+
+    Args:
+        results: Of :meth:`Study.run`.
+        score: Name of a relative error.
+    """
+    errors = _score(results, score)
+    return [str(name) for name in errors["estimator"].values if bool((errors.sel(estimator=name) < EXACT).all())]
 
 
 def summarise(results: xr.Dataset, score: str, *, seed: int = 0) -> xr.Dataset:

@@ -28,7 +28,7 @@ from bodyimage_kin.metrics import displacement_error
 from bodyimage_kin.recordings.schema import experience
 from bodyimage_kin.study import specs
 from bodyimage_kin.study.cells import describe, stream
-from bodyimage_kin.study.held_out import Lesson, lessons
+from bodyimage_kin.study.held_out import HeldOut, hold_out
 from bodyimage_kin.study.spaces import SPACES, checked_space, draw
 from bodyimage_kin.study.specs import Table
 
@@ -165,7 +165,7 @@ def tune(
     ((name, base),) = specs.estimator_table(spec).items()
     space = checked_space(name, _space_of(name) if space is None else space)
     given = _as_given(name, base, space, body)
-    taught = [lessons(experience(one), folds) for one in experiences]
+    taught = [hold_out(experience(one), folds) for one in experiences]
     if not taught:
         raise InvalidRecording("no experience to tune on; give at least one")
     fit_seeds = stream(seed, f"tuning/{name}/fit", folds * len(taught))
@@ -246,7 +246,7 @@ def _try(
     name: str,
     base: Table,
     settings: Table,
-    taught: Sequence[Sequence[Lesson]],
+    taught: Sequence[Sequence[HeldOut]],
     seeds: Sequence[int],
     body: Embodiment | None,
 ) -> Candidate:

@@ -21,7 +21,6 @@ from bodyimage_kin._files import write_text
 from bodyimage_kin._progress import progress
 from bodyimage_kin.study import chain
 from bodyimage_kin.study.scores import DEFAULT, MAP_SCORES
-from bodyimage_kin.study.tuning import read_tuning
 
 HERE = Path(__file__).parent
 BASELINE = "paper_mlp"
@@ -75,12 +74,12 @@ def depth_ratio() -> float:
     return round(float(depth.mean()) / body.camera.screen_distance, 3)
 
 
-def study(circle: Mapping[str, Any], best: Mapping[str, Mapping[str, Any]], seeds: int) -> bk.Study:
+def study(name: str, circle: Mapping[str, Any], best: Mapping[str, Mapping[str, Any]], seeds: int) -> bk.Study:
     """The study of one condition."""
     return bk.Study(
         embodiments={"infant": "infant"},
         # Maps need the paper's 800 s of touches.
-        recordings={"circle": {"circle": dict(circle), "touch": {"duration": 800.0}}},
+        recordings={name: {"circle": dict(circle), "touch": {"duration": 800.0}}},
         estimators=estimators(best),
         probes=PROBES,
         metrics=(*(name for name in DEFAULT if "by_posture" not in name), *MAP_SCORES, "trajectory_split"),
@@ -109,11 +108,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=30, help="recordings of each condition")
     parser.add_argument("--publish", type=Path, default=HERE, help="folder of what is kept")
     arguments = parser.parse_args()
-    read_tuning(HERE / "tuning.json")
     conditions = json.loads((HERE / "tuning.json").read_text(encoding="utf-8"))["conditions"]
     chains = {}
     for name, condition in conditions.items():
-        one = study(condition["circle"], condition["best"], arguments.seeds)
+        one = study(name, condition["circle"], condition["best"], arguments.seeds)
         folder = arguments.publish / name
         folder.mkdir(parents=True, exist_ok=True)
         one.to_toml(folder / "study.toml")

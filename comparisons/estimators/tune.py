@@ -32,7 +32,7 @@ CONDITIONS: Mapping[str, Mapping[str, Any]] = {
     "torque_noise": {"drag": {"torque_variance": 0.01}},
     "noisy": {"drag": {"torque_variance": 0.01}, "encoder_noise": 1e-3, "image_noise": 2e-4},
 }
-"""Settings of the circle that is learned from. Each condition's own best is what its study takes: ``study.py``."""
+"""Settings of the circle that is learned from. Each condition's own best is what its study takes: ``run.py``."""
 RECORDINGS = 3
 """Of each condition."""
 SEED = 0

@@ -7,8 +7,9 @@ import pytest
 import xarray as xr
 
 import bodyimage_kin as bk
-from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.report import error_figures
+from bodyimage_kin.study.results import MISSING
 
 ESTIMATORS = ["analytic", "least_squares", "rational_trig"]
 PROBES = ["on_circle", "on_face"]
@@ -44,7 +45,7 @@ def test_numbers_are_means_and_paired_ratios(results, tmp_path):
     errors = results["relative_error_use"].sel(recording="noisy", estimator="rational_trig", probe="on_face")
     assert row["relative_error_use"]["on_face"]["mean"] == pytest.approx(float(errors.mean()), rel=1e-3)
     assert row["relative_error_use"]["on_face"]["recordings"] == SEEDS
-    assert row["ratio"]["on_face"]["ratio"] == pytest.approx(0.5)
+    assert row["ratio"]["ratio"] == pytest.approx(0.5)
     assert row["attribution"]["on_face"]["variation"] == pytest.approx(0.6 * float((errors**2).mean()), rel=1e-3)
     # The truth has no ratio, and the baseline none to itself.
     assert "ratio" not in numbers["scores"]["noisy"]["analytic"]
@@ -71,10 +72,41 @@ def test_scores_that_failed_leave_gaps(results, tmp_path):
     assert (tmp_path / "errors.svg").stat().st_size > 5000
 
 
+def test_recordings_that_failed_are_counted_in_the_table(results, tmp_path):
+    results["relative_error_use"][0, 1, 2, :4] = np.nan
+    results["failure"][0, 1, 2, :4] = "it broke"
+    text = bk.report.publish(results, tmp_path, baseline="least_squares").read_text()
+    assert text.count("(2 of 6)") == 1
+    assert "| rational trigonometric (2 of 6) |" in text.split("### noisy")[1]
+
+
+def test_embodiments_are_compared_each_by_itself(results, tmp_path):
+    other = results.assign_coords(embodiment=["other"]).copy(deep=True)
+    other["relative_error_use"].loc[{"estimator": "rational_trig"}] *= 3.0
+    bk.report.publish(xr.concat([results, other], "embodiment"), tmp_path, baseline="least_squares")
+    scores = json.loads((tmp_path / "results.json").read_text())["scores"]
+    assert scores["infant, noisy"]["rational_trig"]["ratio"]["ratio"] == pytest.approx(0.5)
+    assert scores["other, noisy"]["rational_trig"]["ratio"]["ratio"] == pytest.approx(1.5)
+
+
+def test_one_exact_recording_is_not_the_truth(results, tmp_path):
+    results["relative_error_use"][0, :, 2, 0] = 1e-9
+    bk.report.publish(results, tmp_path)
+    numbers = json.loads((tmp_path / "results.json").read_text())
+    assert numbers["baseline"] == "least_squares"
+    assert numbers["scores"]["noisy"]["rational_trig"]["ratio"]["recordings"] == SEEDS
+
+
 def test_refuses_what_is_no_comparison(results, tmp_path):
     with pytest.raises(UnknownName, match="nobody"):
         bk.report.publish(results, tmp_path, baseline="nobody")
     with pytest.raises(InvalidConfig, match="relative_error_use"):
         bk.report.publish(results.drop_vars("relative_error_use"), tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputRefused, match="cannot write"):
+        bk.report.publish(results, tmp_path / "file")
+    results["failure"][0, 0, 0, 0] = MISSING
+    with pytest.raises(InvalidConfig, match="run the study to its end"):
+        bk.report.publish(results, tmp_path)
     with pytest.raises(InvalidConfig, match="probes"):
         error_figures.by_probe({"noisy": {}}, ["a", "b", "c", "d", "e"])

@@ -19,7 +19,7 @@ import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators import ConstantJacobian, Estimator, LeastSquares, Ridge, pairs
 from bodyimage_kin.study import specs
-from bodyimage_kin.study.held_out import image_regions, lessons
+from bodyimage_kin.study.held_out import hold_out, image_regions
 from bodyimage_kin.study.spaces import SPACES, checked_space, draw
 from bodyimage_kin.study.tuning import read_tuning, tune, write_tuning
 
@@ -139,7 +139,7 @@ def test_regions_of_a_line_are_stretches_of_it():
 def test_every_step_is_hidden_or_seen_or_crosses_a_border():
     exp = motion()
     whole = {tuple(q) for q in pairs(exp).q.tolist()}
-    found = lessons(exp, 3)
+    found = hold_out(exp, 3)
     assert len(found) == 3
     for lesson in found:
         seen, hidden = ({tuple(q) for q in part.q.tolist()} for part in (pairs(lesson.seen), lesson.hidden))
@@ -155,7 +155,7 @@ def test_trials_and_unseen_samples_are_handled():
     exp = xr.concat([one, one], "trial", data_vars="minimal", coords="minimal", compat="equals")
     exp["hand_image"].values[1, 10:40] = np.nan
     exp["q"].values[0, -20:] = np.nan
-    for lesson in lessons(exp, 4):
+    for lesson in hold_out(exp, 4):
         assert np.isnan(lesson.seen["hand_image"].values[1, 10:40]).all()
         assert np.isfinite(lesson.hidden.q.numpy()).all()
 
@@ -168,7 +168,7 @@ def test_what_is_hidden_is_never_given_to_the_learner(circle):
     tune(Spy(), [circle], budget=2, space={"scale": {"uniform": [0.5, 2.0]}}, folds=3)
     assert len(SPIED) == 6
     images = []
-    for given_, lesson in zip(SPIED, 2 * lessons(exp, 3), strict=True):
+    for given_, lesson in zip(SPIED, 2 * hold_out(exp, 3), strict=True):
         assert not [name for name in given_.variables if str(name).startswith("true_")]
         xr.testing.assert_identical(given_, lesson.seen)
         images.append(given_["hand_image"].values[0])

@@ -7,6 +7,8 @@ that only an onlooker can measure, always in conditions that they were not calib
 
 from bodyimage_kin.study.foreknowledge.arms import CalibratedArm as CalibratedArm
 from bodyimage_kin.study.foreknowledge.arms import PerturbedArms as PerturbedArms
+from bodyimage_kin.study.foreknowledge.cell import Cell as Cell
+from bodyimage_kin.study.foreknowledge.cell import Failed as Failed
 from bodyimage_kin.study.foreknowledge.cell import Settings as Settings
 from bodyimage_kin.study.foreknowledge.conditions import CONDITIONS as CONDITIONS
 from bodyimage_kin.study.foreknowledge.conditions import Condition as Condition
@@ -25,6 +27,7 @@ from bodyimage_kin.study.foreknowledge.known import Predictor as Predictor
 from bodyimage_kin.study.foreknowledge.predictors import ExcitationDeficit as ExcitationDeficit
 from bodyimage_kin.study.foreknowledge.predictors import GaussianProcessPosterior as GaussianProcessPosterior
 from bodyimage_kin.study.foreknowledge.predictors import MeanPostureDistance as MeanPostureDistance
+from bodyimage_kin.study.foreknowledge.run import NothingCame as NothingCame
 from bodyimage_kin.study.foreknowledge.run import markdown as markdown
 from bodyimage_kin.study.foreknowledge.run import run as run
 from bodyimage_kin.study.foreknowledge.run import summarise as summarise

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import torch
+import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
@@ -16,6 +18,7 @@ from bodyimage_kin.embodiment import Embodiment
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
 from bodyimage_kin.estimators import LeastSquares, PaperMLP, RationalTrig
 from bodyimage_kin.estimators.base import Estimator, is_count
+from bodyimage_kin.study.cells import describe
 from bodyimage_kin.study.foreknowledge.arms import CalibratedArm, PerturbedArms
 from bodyimage_kin.study.foreknowledge.conditions import Condition
 from bodyimage_kin.study.foreknowledge.evaluate import Combination
@@ -78,6 +81,7 @@ class Cell:
         measured_by_posture: (estimators, postures) at each of these.
         foreseen: (predictors, estimators); NaN where a predictor refused or was not asked.
         foreseen_by_posture: (predictors, estimators, postures); NaN where it cannot tell.
+        refused: Estimator -> predictor -> why it said nothing, in one line; without those that spoke.
     """
 
     measured: Float[np.ndarray, "estimators"]
@@ -85,6 +89,18 @@ class Cell:
     measured_by_posture: Float[np.ndarray, "estimators postures"]
     foreseen: Float[np.ndarray, "predictors estimators"]
     foreseen_by_posture: Float[np.ndarray, "predictors estimators postures"]
+    refused: Mapping[str, Mapping[str, str]]
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A condition and seed of which nothing came.
+
+    Attributes:
+        words: Why, in one line.
+    """
+
+    words: str
 
 
 def predictors(settings: Settings, body: Embodiment, condition: Condition, estimator: str) -> dict[str, Predictor]:
@@ -110,18 +126,20 @@ def run_cell(settings: Settings, condition: Condition, seed: int) -> Cell:
     """Simulates, lets every predictor speak of every estimator, and only then looks at the truth."""
     torch.set_num_threads(1)
     body = load_embodiment(settings.embodiment, settings.backend)
-    circle, touch = condition.circle(body, seed), condition.touch(body, seed, settings.touch_duration)
+    circle, touch = condition.circle(body, seed), _touch(settings, body.sha256, _moved(condition), seed)
     known = Known.of(circle, touch["q"].values, next(iter(ESTIMATORS.values())), seed, settings.postures)
     of = {name: known.about(spec) for name, spec in ESTIMATORS.items()}
     # One set of predictors for all estimators where they do not differ, so that a shared arm is calibrated once.
     shared = predictors(settings, body, condition, "")
-    said = {
-        name: {
-            predictor: _said(own if predictor in _ARM_PREDICTORS else shared[predictor], about)
-            for predictor, own in predictors(settings, body, condition, name).items()
-        }
-        for name, about in of.items()
-    }
+    said: dict[str, dict[str, Foresight]] = {name: {} for name in of}
+    refused: dict[str, dict[str, str]] = {name: {} for name in of}
+    for name, about in of.items():
+        for predictor, own in predictors(settings, body, condition, name).items():
+            try:
+                said[name][predictor] = (own if predictor in _ARM_PREDICTORS else shared[predictor]).foresee(about)
+            except BodyImageKinError as problem:
+                # One that refuses is missing, and the run goes on.
+                refused[name][predictor] = describe(problem)
     measured = {name: _measure(body, about, touch["true_q"].values) for name, about in of.items()}
     silent, nothing = np.full(len(known.postures), np.nan), Foresight(float("nan"), None)
     return Cell(
@@ -132,15 +150,28 @@ def run_cell(settings: Settings, condition: Condition, seed: int) -> Cell:
         foreseen_by_posture=np.stack(
             [[_or(said[name].get(predictor, nothing).by_posture, silent) for name in of] for predictor in shared]
         ),
+        refused=refused,
     )
 
 
-def _said(predictor: Predictor, known: Known) -> Foresight:
-    """What a predictor says; one that refuses is missing, and the run goes on."""
+def try_cell(settings: Settings, condition: Condition, seed: int) -> Cell | Failed:
+    """As :func:`run_cell`; or says what went wrong."""
     try:
-        return predictor.foresee(known)
-    except BodyImageKinError:
-        return Foresight(float("nan"), None)
+        return run_cell(settings, condition, seed)
+    except Exception as problem:
+        # Said in words: not every error can travel from a worker.
+        return Failed(describe(problem))
+
+
+def _moved(condition: Condition) -> Condition:
+    """A condition without what the touch motion does not depend on."""
+    return replace(condition, name="", family="", distances=(), radius=0.0, turns=0.0)
+
+
+@lru_cache(maxsize=4)
+def _touch(settings: Settings, sha256: str, condition: Condition, seed: int) -> xr.Dataset:
+    """The touch motion, simulated once for the conditions of a seed that share it. The hash tells bodies apart."""
+    return condition.touch(load_embodiment(settings.embodiment, settings.backend), seed, settings.touch_duration)
 
 
 def _or(values: np.ndarray | None, otherwise: np.ndarray) -> np.ndarray:

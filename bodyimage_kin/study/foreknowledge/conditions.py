@@ -11,11 +11,14 @@ import xarray as xr
 from bodyimage_kin.embodiment import Embodiment
 from bodyimage_kin.recordings import simulate
 from bodyimage_kin.recordings.simulate import DragSettings
+from bodyimage_kin.study.cells import stream
 
 
 @dataclass(frozen=True)
 class Condition:
     """One way to look at the hand before it touches.
+
+    Touch and each circle have random streams of their own, by seed and not by name: conditions stay paired.
 
     Attributes:
         name: Its name in results.
@@ -42,14 +45,18 @@ class Condition:
     def circle(self, body: Embodiment, seed: int) -> xr.Dataset:
         """The recording in sight; several distances are as many trials of it."""
         trials = [
-            simulate.circle(body, seed=seed, distance=distance, radius=self.radius, turns=self.turns, **self._settings)
-            for distance in self.distances
+            simulate.circle(body, seed=own, distance=distance, radius=self.radius, turns=self.turns, **self._settings)
+            for own, distance in zip(self.streams(seed)[1:], self.distances, strict=True)
         ]
         return _one_recording(trials)
 
     def touch(self, body: Embodiment, seed: int, duration: float) -> xr.Dataset:
         """The recording out of sight, moved likewise."""
-        return simulate.random_touch(body, seed=seed, duration=duration, **self._settings)
+        return simulate.random_touch(body, seed=self.streams(seed)[0], duration=duration, **self._settings)
+
+    def streams(self, seed: int) -> list[int]:
+        """Seeds of touch, then of each circle: the first ones are those of every other condition."""
+        return stream(0, f"foreknowledge/{seed}", 1 + len(self.distances))
 
     @property
     def _settings(self) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 A prediction counts only for a condition that it was not calibrated on. The calibration is ``log measured = a + b log
 predicted`` (for a combination, one b each), fitted by least squares to the recordings of all other conditions.
+
+Whoever is silent on a whole condition that was measured has no score: R2 over fewer conditions is another quantity.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ class Combination:
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What a predictor is worth for one estimator.
+    """What a predictor is worth for one estimator; NaN unless it spoke of every condition that was measured.
 
     Attributes:
         r2: R2 of the conditions' mean errors, out of sample, and its interval over recordings.
@@ -69,7 +71,7 @@ class Score:
 
 @dataclass(frozen=True)
 class PostureScore:
-    """What a predictor says of postures within a recording, averaged over recordings.
+    """What a predictor says of postures within a recording, averaged over recordings; NaN as in :class:`Score`.
 
     Attributes:
         rank_correlation: Spearman's.
@@ -173,8 +175,8 @@ def evaluate(
         seed: Of the resampling.
 
     Returns:
-        Name -> score, combinations last, and ``"mean_of_others"``: the mean error of the other conditions, which
-        anybody can foretell, and whose R2 is negative.
+        Name -> score, combinations last, and ``"mean_of_others"``: the geometric mean error of the other conditions'
+        recordings (the calibration's intercept alone), which anybody can foretell, and whose R2 is negative.
 
     Raises:
         InvalidArray: Shapes that differ, or fewer than three conditions.
@@ -214,6 +216,8 @@ def evaluate_by_posture(measured: Any, predicted: Any) -> PostureScore:
     y = as_floats(measured, "measured", ndim=3)
     x = as_floats(predicted, "predicted", ndim=3)
     calibrated = leave_one_condition_out(y, x[None])
+    if _silent(y, calibrated):
+        return PostureScore(float("nan"), float("nan"))
     ranks, explained = [], []
     for one, raw, best in zip(*(a.reshape(-1, a.shape[-1]) for a in (y, x, calibrated)), strict=True):
         there = np.isfinite(one) & np.isfinite(best)
@@ -234,6 +238,13 @@ def _pairs(measured: Any, predicted: Any) -> tuple[Float[np.ndarray, "pairs"], F
         raise InvalidArray(f"measured has shape {y.shape} but predicted {x.shape}; they must be the same")
     there: Bool[np.ndarray, "..."] = np.isfinite(y) & np.isfinite(x)
     return y[there], x[there]
+
+
+def _silent(y: Float[np.ndarray, "conditions *rest"], x: Float[np.ndarray, "conditions *rest"]) -> bool:
+    """Whether nothing was foretold of a whole condition that was measured."""
+    rest = tuple(range(1, y.ndim))
+    measured = np.isfinite(y)
+    return bool((measured.any(rest) & ~(measured & np.isfinite(x)).any(rest)).any())
 
 
 def _line(x: Float[np.ndarray, "k rows"], y: Float[np.ndarray, "rows"], penalty: float) -> Any:
@@ -261,7 +272,7 @@ def _score(
     return Score(
         r2=_interval(r2(*means), [one[0] for one in again], y.shape[1]),
         r2_log=r2(*map(np.log, means)),
-        r2_recordings=r2(y, predicted),
+        r2_recordings=float("nan") if _silent(y, predicted) else r2(y, predicted),
         slope=_interval(slope(*means), [one[1] for one in again], y.shape[1]),
         **dict(zip(("raw_r2", "raw_slope"), nothing if raw is None else _both(*_means(y, raw)), strict=True)),
         predicted=predicted,
@@ -277,8 +288,8 @@ def _both(y: np.ndarray, x: np.ndarray) -> tuple[float, float]:
 
 
 def _means(y: np.ndarray, x: np.ndarray) -> tuple[Float[np.ndarray, "conditions"], Float[np.ndarray, "conditions"]]:
-    """Means over the recordings of which both are known; NaN for a condition without."""
-    there = np.isfinite(y) & np.isfinite(x)
+    """Means over the recordings of which both are known; NaN for a condition without, and for all if one is silent."""
+    there = np.isfinite(y) & np.isfinite(x) & (not _silent(y, x))
     count = np.where(there.any(1), there.sum(1), np.nan)
     return np.where(there, y, 0.0).sum(1) / count, np.where(there, x, 0.0).sum(1) / count
 
