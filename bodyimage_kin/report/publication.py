@@ -80,6 +80,7 @@ def _numbers(results: xr.Dataset, baseline: str) -> dict[str, Any]:
             for estimator in results["estimator"].values:
                 at = {"embodiment": embodiment, "recording": recording, "estimator": estimator}
                 row: dict[str, Any] = {score: _mean(mean.sel(at)) for score, mean in means.items()}
+                row["median"] = _digits(results[_HEADLINE].sel(at).sel(probe=last).median("seed"))
                 if parts is not None:
                     there = parts.sel(at)
                     row["attribution"] = {
@@ -126,12 +127,21 @@ def _table(numbers: Mapping[str, Any]) -> str:
     columns = [score for score in _COLUMNS if any(score in row for row in rows_of_all)]
     lines = [
         f"Relative error of the Jacobian in the motion's metric, mean over {numbers['seeds']} recordings with its 95 % "
-        f"interval (BCa bootstrap) {style.label(last)}. *ratio*: geometric mean over that of "
+        f"interval (BCa bootstrap) {style.label(last)}, and the median there. *ratio*: geometric mean over that of "
         f"{style.label(numbers['baseline'])}, paired by recording; p by flipped signs, after Holm. *depth*, "
         f"*variation*: these parts of the squared error {style.label(last)}. (k of n): recordings that did not fail.",
     ]
     names = [style.label(probe) for probe in probes]
-    head = ["estimator", *names, "ratio", "p", "depth", "variation", *(_COLUMNS[score][0] for score in columns)]
+    head = [
+        "estimator",
+        *names,
+        "median",
+        "ratio",
+        "p",
+        "depth",
+        "variation",
+        *(_COLUMNS[score][0] for score in columns),
+    ]
     for place, rows in numbers["scores"].items():
         lines += ["", f"### {style.label(place)}", "", _line(head), _line(["---"] + ["---:"] * (len(head) - 1))]
         for name, row in sorted(rows.items(), key=lambda item: _sortable(item[1][_HEADLINE][last]["mean"])):
@@ -149,6 +159,7 @@ def _cells(row: Mapping[str, Any], probes: list[str], last: str, columns: list[s
     parts = row.get("attribution", {}).get(last, {})
     return [
         *(_number(errors[probe]["mean"]) + (_interval(errors[probe]) if probe == last else "") for probe in probes),
+        _number(row["median"]),
         _number(ratio["ratio"]) + _interval(ratio) if ratio else "",
         _p(ratio["p_holm"]) if ratio else "",
         _number(parts.get("depth")),
