@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from concurrent.futures import Executor, Future
 
 import numpy as np
 import pytest
@@ -10,10 +11,20 @@ import torch
 import xarray as xr
 
 import bodyimage_kin as bk
-from bodyimage_kin.errors import BodyImageKinError, InvalidArray, InvalidConfig, InvalidPosture, UnknownName
+from bodyimage_kin.errors import (
+    BodyImageKinError,
+    InvalidArray,
+    InvalidConfig,
+    InvalidPosture,
+    OutputRefused,
+    UnknownName,
+)
 from bodyimage_kin.estimators import Analytic, LeastSquares, PaperMLP
 from bodyimage_kin.report import foreknowledge_figures
+from bodyimage_kin.study import executors
 from bodyimage_kin.study import foreknowledge as fk
+from bodyimage_kin.study.foreknowledge import cell as cell_module
+from bodyimage_kin.study.foreknowledge import store as store_module
 from bodyimage_kin.study.foreknowledge.cell import ESTIMATORS, predictors, run_cell
 from bodyimage_kin.study.foreknowledge.evaluate import Combination, leave_one_condition_out
 
@@ -244,10 +255,25 @@ def test_a_recording_that_failed_is_left_out():
     measured = np.exp(np.random.default_rng(5).normal(size=(6, 4)))
     predicted = measured.copy()
     predicted[2, 1] = np.nan
-    predicted[3] = np.nan
+    measured[3] = np.nan
     one = fk.evaluate(measured, {"one": predicted}, resamples=0)["one"]
     assert one.r2.estimate == pytest.approx(1.0)
-    assert np.isnan(one.predicted[3]).all()
+    assert np.isnan(one.predicted[2, 1])
+
+
+def test_who_is_silent_on_a_condition_has_no_score():
+    rng = np.random.default_rng(7)
+    measured = np.exp(rng.normal(size=(6, 4, 30)))
+    half = measured.copy()
+    half[3:] = np.nan
+    y, x = measured[..., 0], half[..., 0]
+    found = fk.evaluate(y, {"half": x, "whole": y}, {"both": Combination(("half", "whole"))}, absolute=["half"])
+    for one in (found["half"], found["both"]):
+        scores = [one.r2.estimate, one.r2.lower, one.slope.estimate, one.r2_log, one.r2_recordings]
+        assert np.isnan([*scores, one.raw_r2, one.raw_slope]).all()
+    assert found["whole"].r2.estimate == pytest.approx(1.0)
+    by_posture = fk.evaluate_by_posture(measured, half)
+    assert np.isnan([by_posture.rank_correlation, by_posture.r2]).all()
 
 
 def test_postures_are_scored_within_recordings():
@@ -286,13 +312,130 @@ def test_a_run_is_summed_up(summary):
     assert all(one["assumes"] in page for one in found["predictors"].values())
 
 
+def test_who_refuses_is_never_crowned_and_its_first_words_are_shown(summary, monkeypatch):
+    cells, found = summary
+
+    def silence(one):
+        refused = {name: dict.fromkeys(found["predictors"], "InvalidConfig: too dark") for name in ESTIMATORS}
+        return dataclasses.replace(one, foreseen=one.foreseen * np.nan, refused=refused)
+
+    settings = fk.Settings(**found["settings"])
+    conditions = [fk.Condition(**{**one, "distances": tuple(one["distances"])}) for one in found["conditions"]]
+    second = conditions[1].name
+    page = fk.markdown(fk.summarise(settings, {**cells, second: [silence(cells[second][0])]}, conditions))
+    assert page.count(f"distance of mean postures refused first in {second}, seed 0: InvalidConfig: too dark") == 3
+    assert "none spoke of every condition" not in page
+    assert "R2 of at least" not in page
+    assert "refused" not in fk.markdown(found)
+    for one in found["estimators"].values():
+        for score in one["predictors"].values():
+            monkeypatch.setitem(score["r2"], "estimate", None)
+    assert fk.markdown(found).count("No predictor has an R2") == 3
+
+
+def test_touch_and_circles_have_streams_of_their_own(body):
+    noisy = next(one for one in fk.CONDITIONS if one.name == "noisy sensors, 3 cm")
+    several = dataclasses.replace(noisy, dynamics=False, turns=0.2, distances=(0.03, 0.03))
+    circles, touch = several.circle(body, 3), several.touch(body, 3, 2.0)
+    noise = [one.q.values - one.true_q.values for one in (circles.isel(trial=0), circles.isel(trial=1), touch)]
+    noise[2] = noise[2][0]
+    count = min(map(len, noise))
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        assert abs(np.corrcoef(noise[one][:count].ravel(), noise[other][:count].ravel())[0, 1]) < 0.3
+    alone = dataclasses.replace(several, name="another", distances=(0.03,))
+    np.testing.assert_array_equal(alone.circle(body, 3).q[0], circles.q[0], "conditions are paired by seed")
+    xr.testing.assert_equal(alone.touch(body, 3, 2.0), touch)
+
+
+def test_a_touch_motion_is_shared_by_conditions_that_move_alike():
+    alike = {cell_module._moved(one) for one in fk.CONDITIONS}
+    assert len(alike) == 4, "driven, free, kinematic, noisy sensors"
+    assert {(one.dynamics, one.torque_noise, one.encoder_noise, one.image_noise) for one in alike} == {
+        (one.dynamics, one.torque_noise, one.encoder_noise, one.image_noise) for one in fk.CONDITIONS
+    }
+
+
+def test_what_fails_fails_alone_and_only_that_is_computed_again(summary, tmp_path, monkeypatch):
+    cells, found = summary
+    settings = fk.Settings(**found["settings"])
+    conditions = [one for one in fk.CONDITIONS if one.name in cells]
+    asked, done = [], []
+
+    def work(settings, condition, seed, fail=True):
+        asked.append(condition.name)
+        if fail and condition is conditions[1]:
+            raise ValueError("no\nlight")
+        return cells[condition.name][seed]
+
+    def run():
+        return fk.run(
+            settings, conditions, executor="in-process", store=tmp_path / "s", progress=lambda *one: done.append(one)
+        )
+
+    monkeypatch.setattr(cell_module, "run_cell", work)
+    first = run()
+    assert done == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert first[conditions[1].name] == [fk.Failed("ValueError: no light")]
+    summed = fk.summarise(settings, first, conditions)
+    page = fk.markdown(summed)
+    assert summed["failed"] == [{"condition": conditions[1].name, "seed": 0, "words": "ValueError: no light"}]
+    assert f"- {conditions[1].name}, seed 0: ValueError: no light" in page
+    assert summed["estimators"]["least_squares"]["measured"][1] is None
+    with pytest.raises(fk.NothingCame, match="no light"):
+        fk.summarise(settings, dict.fromkeys(first, first[conditions[1].name]), conditions)
+
+    monkeypatch.setattr(cell_module, "run_cell", lambda *job: work(*job, fail=False))
+    asked.clear()
+    again = run()
+    assert asked == [conditions[1].name]
+    for name, (cell,) in again.items():
+        for field in dataclasses.fields(cell):
+            np.testing.assert_array_equal(getattr(cell, field.name), getattr(cells[name][0], field.name))
+    one = next((tmp_path / "s").iterdir())
+    one.write_bytes(b"")
+    with pytest.raises(OutputRefused, match=f"{one.name}' cannot be read"):
+        run()
+
+
+@pytest.mark.parametrize("problem", [executors.WorkerDied("no memory left"), executors.NoWorker("none can start")])
+def test_a_process_that_dies_takes_its_own_cell_along(problem):
+    class Dying(Executor):
+        def submit(self, *_, **__):
+            future = Future()
+            future.set_exception(problem)
+            return future
+
+    conditions = fk.CONDITIONS[:2]
+    if isinstance(problem, BodyImageKinError):
+        with pytest.raises(executors.NoWorker):
+            fk.run(fk.Settings(seeds=1), conditions, executor=Dying())
+        return
+    found = fk.run(fk.Settings(seeds=1), conditions, executor=Dying())
+    assert found == {one.name: [fk.Failed("WorkerDied: no memory left")] for one in conditions}
+
+
+def test_a_cell_is_kept_by_all_that_decides_it(tmp_path):
+    settings, condition = fk.Settings(), fk.CONDITIONS[0]
+    store = store_module.Store(tmp_path, settings, "body")
+    same = dataclasses.replace(store, settings=fk.Settings(seeds=3))._path(condition, 1)
+    assert same == store._path(condition, 1)
+    others = [
+        store._path(condition, 2),
+        store._path(dataclasses.replace(condition, radius=0.04), 1),
+        dataclasses.replace(store, settings=fk.Settings(arms=3))._path(condition, 1),
+        dataclasses.replace(store, body="another")._path(condition, 1),
+    ]
+    assert len({same, *others}) == 5
+
+
 def test_several_distances_are_trials_of_one_recording(body):
     condition = next(one for one in fk.CONDITIONS if len(one.distances) > 1)
     kinematic = dataclasses.replace(condition, dynamics=False, turns=0.2)
     seen = kinematic.circle(body, 0)
     assert seen.sizes["trial"] == len(condition.distances)
     for trial, distance in enumerate(condition.distances):
-        alone = bk.simulate.circle(body, seed=0, dynamics=False, distance=distance, turns=0.2)
+        own = kinematic.streams(0)[1 + trial]
+        alone = bk.simulate.circle(body, seed=own, dynamics=False, distance=distance, turns=0.2)
         one = seen.isel(trial=[trial], time=slice(0, alone.sizes["time"]))
         xr.testing.assert_equal(one.drop_vars("trial"), alone.drop_vars("trial"))
         assert (seen["taxel"].values[trial, alone.sizes["time"] :] == -1).all()
@@ -344,6 +487,9 @@ def test_all_predictors_say_what_they_assume(body):
         ),
         (lambda b, c, t: fk.r2([1.0], [1.0, 2.0]), InvalidArray, "must be the same"),
         (lambda b, c, t: fk.Settings(seeds=0), InvalidConfig, "seeds=0"),
+        (lambda b, c, t: fk.run(fk.Settings(), workers=0), InvalidConfig, "workers=0"),
+        (lambda b, c, t: fk.run(fk.Settings(), workers=1.5), InvalidConfig, "workers=1.5"),
+        (lambda b, c, t: fk.run(fk.Settings(), workers=True), InvalidConfig, "workers=True"),
     ],
 )
 def test_what_is_wrong_is_named(call, error, match, body, circle, touch):
@@ -358,7 +504,7 @@ def test_no_bit_depends_on_the_number_of_workers():
     conditions = [one for one in fk.CONDITIONS if one.name in ("one turn, 3 cm", "noise-free, 3 cm")]
     done = []
     found = fk.run(settings, conditions, workers=2, progress=lambda *one: done.append(one))
-    assert done == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert done == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
     for condition in conditions:
         for seed in range(2):
             here, there = run_cell(settings, condition, seed), found[condition.name][seed]

@@ -49,7 +49,7 @@ def run(
     conditions: Sequence[Condition] = CONDITIONS,
     *,
     executor: Any = None,
-    workers: int | None = None,
+    workers: Any = None,
     store: str | Path | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, list[Cell | Failed]]:
@@ -236,7 +236,7 @@ _LABELS = {
     "perturbed_arms_rough": "perturbed arms (spreads 0.2 and 20 mm)",
     "without_structure": "combined, structure unknown",
     "with_structure": "combined, structure known",
-    MEAN_OF_OTHERS: "mean of the other conditions",
+    MEAN_OF_OTHERS: "geometric mean of the other conditions",
 }
 _HEAD = (
     "| predictor | R2 | slope | R2 of logs | R2, single recordings | R2, family out | R2 uncalibrated | "
