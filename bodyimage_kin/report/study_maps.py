@@ -37,6 +37,8 @@ _DIRECT = {
 }
 _TOGETHER = 6
 """Estimators that one figure can tell apart."""
+_LEAST = 1e-3
+"""Least Jacobian error that is drawn: where an estimator is next to exact, it matters only that it is."""
 
 
 def section(results: xr.Dataset) -> dict[str, Any] | None:
@@ -81,7 +83,7 @@ def pictures(results: xr.Dataset) -> list[tuple[str, str, Figure]]:
     for embodiment in results["embodiment"].values:
         one = results.sel(embodiment=embodiment)
         steps = {
-            _AXES[JACOBIAN].format(probe=style.label(probe)): one[JACOBIAN].sel(probe=probe),
+            _AXES[JACOBIAN].format(probe=style.label(probe)): one[JACOBIAN].sel(probe=probe).clip(min=_LEAST),
             _AXES[PATH]: one[PATH] * 1000.0,
             _AXES[MAP]: one[MAP],
         }
@@ -90,7 +92,10 @@ def pictures(results: xr.Dataset) -> list[tuple[str, str, Figure]]:
         }
         there = [name for name in names if all(np.isfinite(of[name]).any() for of in cells.values())]
         for first in range(0, len(there), _TOGETHER):
-            text = "A point for each estimator, motion and recording; both axes are logarithmic."
+            text = (
+                "A point for each estimator, motion and recording; both axes are logarithmic. Jacobian errors below "
+                f"{_LEAST:g} are drawn there."
+            )
             if len(there) > _TOGETHER:
                 text += " Grey: the other estimators."
             cells_there = {axis: {name: of[name] for name in there} for axis, of in cells.items()}
