@@ -270,11 +270,12 @@ def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Pat
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with style():
-        if figure.get_layout_engine() is not None:
+        engine = figure.get_layout_engine()
+        if engine is not None:
             # The constrained layout moves at every draw; settled once, every file shows the same figure. One pass does
             # not settle axes of equal aspect under a legend.
             for _ in range(3):
-                figure.draw_without_rendering()
+                engine.execute(figure)
             figure.set_layout_engine("none")
         svg, png = io.BytesIO(), io.BytesIO()
         # Not savefig: it draws everything once more to settle a layout that is settled.
