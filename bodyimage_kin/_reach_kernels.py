@@ -95,20 +95,21 @@ def point_in_frame(pose, jacobian, offset, frame, frame_jacobian, position, move
         pose: (count, 4, 4) of the point's link, in the root.
         jacobian: (count, 6, p) of the same, in the root's axes.
         offset: (3,) the point in its link.
-        frame: (count, 4, 4) of the other link.
-        frame_jacobian: (count, 6, p).
+        frame: (count, 4, 4) of the other link; or one for all.
+        frame_jacobian: (count, 6, p); or one for all.
         position: (count, 3) where to.
         moved: (count, 3, p) where to.
     """
     p = jacobian.shape[2]
     arm, away, speed = np.empty(3), np.empty(3), np.empty(3)
     for n in range(len(pose)):
-        J, F = jacobian[n], frame_jacobian[n]
+        f = n if len(frame) > 1 else 0
+        J, F = jacobian[n], frame_jacobian[f]
         for i in range(3):
             arm[i] = pose[n, i, 0] * offset[0] + pose[n, i, 1] * offset[1] + pose[n, i, 2] * offset[2]
-            away[i] = pose[n, i, 3] + arm[i] - frame[n, i, 3]
+            away[i] = pose[n, i, 3] + arm[i] - frame[f, i, 3]
         for i in range(3):
-            position[n, i] = frame[n, 0, i] * away[0] + frame[n, 1, i] * away[1] + frame[n, 2, i] * away[2]
+            position[n, i] = frame[f, 0, i] * away[0] + frame[f, 1, i] * away[1] + frame[f, 2, i] * away[2]
         for a in range(p):
             for i in range(3):
                 j, k = (i + 1) % 3, (i + 2) % 3
@@ -116,4 +117,4 @@ def point_in_frame(pose, jacobian, offset, frame, frame_jacobian, position, move
                 speed[i] = J[i, a] + J[3 + j, a] * arm[k] - J[3 + k, a] * arm[j]
                 speed[i] -= F[i, a] + F[3 + j, a] * away[k] - F[3 + k, a] * away[j]
             for i in range(3):
-                moved[n, i, a] = frame[n, 0, i] * speed[0] + frame[n, 1, i] * speed[1] + frame[n, 2, i] * speed[2]
+                moved[n, i, a] = frame[f, 0, i] * speed[0] + frame[f, 1, i] * speed[1] + frame[f, 2, i] * speed[2]

@@ -268,17 +268,23 @@ class Embodiment:
     ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3 p"]]:
         """The hand's centre in the axes of the skin's link [m], and its derivative [m/rad], without gradient."""
         flat = q.detach().reshape(-1, self.p).to("cpu", torch.float64)
-        arrays = [
-            part.contiguous().numpy()
-            for part in (
-                *self._pose_and_jacobian(flat, self.hand.link),
-                self.hand.offset,
-                *self._pose_and_jacobian(flat, self.skin.link),
-            )
-        ]
-        position, jacobian = flat.new_empty(len(flat), 3), flat.new_empty(len(flat), 3, self.p)
-        point_in_frame(*arrays, position.numpy(), jacobian.numpy())
-        return position.to(q).reshape(*q.shape[:-1], 3), jacobian.to(q).reshape(*q.shape[:-1], 3, self.p)
+        pose, jacobian = self._pose_and_jacobian(flat, self.hand.link)
+        frame, frame_jacobian = self._skin_frame or tuple(
+            part.numpy() for part in self._pose_and_jacobian(flat, self.skin.link)
+        )
+        position, moved = flat.new_empty(len(flat), 3), flat.new_empty(len(flat), 3, self.p)
+        point_in_frame(
+            pose.contiguous().numpy(), jacobian.contiguous().numpy(), self.hand.offset.numpy(), frame, frame_jacobian,
+            position.numpy(), moved.numpy(),
+        )  # fmt: skip
+        return position.to(q).reshape(*q.shape[:-1], 3), moved.to(q).reshape(*q.shape[:-1], 3, self.p)
+
+    @cached_property
+    def _skin_frame(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Pose and Jacobian of the skin's link, one for all postures; None where a felt joint moves it."""
+        if any(joint.kind != "fixed" for joint in self.felt_robot.path(self.skin.link)):
+            return None
+        return self.kinematics.pose(self.felt_home, self.skin.link)[None].numpy(), np.zeros((1, 6, self.p))
 
     # Inner -----------------------------------------------------------------------------------------------------------
 
