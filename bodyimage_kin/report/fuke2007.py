@@ -105,21 +105,29 @@ def write_reproduction(settings: Settings, cells: Sequence[Cell], summary: Mappi
 
 
 def _draw_all(settings: Settings, cells: Sequence[Cell], folder: Path) -> dict[str, Path]:
-    """Draws and saves every figure, half of them in a process of its own.
+    """Draws and saves every figure, in this process and another: one begins at the first, the other at the last.
 
     Returns:
         Name -> SVG.
     """
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as executor:
-        others = executor.submit(_draw, settings, cells, folder, 1)
-        drawn = _draw(settings, cells, folder, 0)
-        return {**drawn, **others.result()}
-
-
-def _draw(settings: Settings, cells: Sequence[Cell], folder: Path, half: int) -> dict[str, Path]:
+    drawn: dict[str, Path] = {}
     body = load_embodiment(settings.embodiment, settings.backend)
     pictures = _pictures(body, fuke2007.by_condition(cells))
-    return {picture.name: style.save(picture.draw(), folder, picture.name)[0] for picture in pictures[half::2]}
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as executor:
+        theirs = {
+            picture.name: executor.submit(_draw, settings, cells, folder, picture.name) for picture in pictures[::-1]
+        }
+        for picture in pictures:
+            # What the other has not begun is drawn here.
+            if theirs[picture.name].cancel():
+                drawn[picture.name] = style.save(picture.draw(), folder, picture.name)[0]
+        return drawn | {name: future.result() for name, future in theirs.items() if not future.cancelled()}
+
+
+def _draw(settings: Settings, cells: Sequence[Cell], folder: Path, name: str) -> Path:
+    body = load_embodiment(settings.embodiment, settings.backend)
+    picture = next(one for one in _pictures(body, fuke2007.by_condition(cells)) if one.name == name)
+    return style.save(picture.draw(), folder, name)[0]
 
 
 def _table_1(body: Embodiment) -> tuple[specification.Parameter, ...]:
