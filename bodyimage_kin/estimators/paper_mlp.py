@@ -15,7 +15,6 @@ import torch
 import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
-from torch.nn.utils.rnn import pad_sequence
 
 from bodyimage_kin._compiled import in_threads
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many, is_count, pairs, require
@@ -114,9 +113,10 @@ class PaperMLP(Estimator):
         """Learns from several experiences side by side. See :meth:`Estimator.fit_many`."""
         check_many(experiences, seeds)
         data = [_Scaled.of(exp) for exp in experiences]
-        alike: dict[tuple[int, int], list[int]] = {}
+        # Of one length: filling up the shorter ones would change how their sums are rounded.
+        alike: dict[tuple[int, ...], list[int]] = {}
         for index, one in enumerate(data):
-            alike.setdefault((len(one.x), len(one.y)), []).append(index)
+            alike.setdefault((*one.x.shape, len(one.y)), []).append(index)
         learned: dict[int, LearnedJacobian] = {}
         for chosen in alike.values():
             networks = self._train([data[index] for index in chosen], [seeds[index] for index in chosen])
@@ -158,18 +158,15 @@ class _Scaled:
 
 
 def _descend(data: Sequence[_Scaled], first: Sequence[_Weights], rate: float, steps: int) -> Iterator[_Weights]:
-    """Full-batch gradient descent of several networks at once."""
+    """Full-batch gradient descent of several networks at once, on as many samples each."""
     W1, b1, W2, b2 = (torch.stack(alike) for alike in zip(*first, strict=True))
     b1, b2 = b1[..., None], b2[..., None]
-    # Shorter experiences are filled up with samples of no weight.
-    x, y = (pad_sequence([part(one).T for one in data], batch_first=True).mT for part in (_inputs, _outputs))
-    x, y, samples = x.contiguous(), y.contiguous(), x.mT.contiguous()
-    weight = pad_sequence([one.x.new_full((one.x.shape[1],), 1 / one.x.shape[1]) for one in data], batch_first=True)
-    weight = weight[:, None, :]
+    x, y = (torch.stack([getattr(one, part) for one in data]) for part in "xy")
+    samples = x.mT.contiguous()
     for _ in range(steps):
         # Back-propagation written out: with ten units, autograd's bookkeeping costs more than the arithmetic.
         hidden = torch.baddbmm(b1, W1, x).tanh_()
-        error = torch.baddbmm(b2, W2, hidden).sub_(y).mul_(weight)
+        error = torch.baddbmm(b2, W2, hidden).sub_(y).div_(x.shape[-1])
         back = torch.bmm(W2.mT, error)
         back.addcmul_(back * hidden, hidden, value=-1.0)
         W2 = W2 - rate * torch.bmm(error, hidden.mT)
@@ -177,14 +174,6 @@ def _descend(data: Sequence[_Scaled], first: Sequence[_Weights], rate: float, st
         W1 = W1 - rate * torch.bmm(back, samples)
         b1 = b1 - rate * back.sum(-1, keepdim=True)
     yield from zip(W1, b1[..., 0], W2, b2[..., 0], strict=True)
-
-
-def _inputs(data: _Scaled) -> Tensor:
-    return data.x
-
-
-def _outputs(data: _Scaled) -> Tensor:
-    return data.y
 
 
 def _descend_online(data: Sequence[_Scaled], first: Sequence[_Weights], rate: float, steps: int) -> Iterator[_Weights]:
