@@ -30,9 +30,9 @@ class ErrorSplit:
         circulation: What this way adds over the straight one: a closed loop. Zero for the derivative of any function.
     """
 
-    discretisation: Float[np.ndarray, "... time m"]
-    position: Float[np.ndarray, "... time m"]
-    circulation: Float[np.ndarray, "... time m"]
+    discretisation: np.ndarray
+    position: np.ndarray
+    circulation: np.ndarray
 
     @property
     def total(self) -> Float[np.ndarray, "*batch time m"]:
