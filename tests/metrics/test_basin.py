@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from planar_arm import image, jacobian
 
 import bodyimage_kin as bk
 from bodyimage_kin import metrics
@@ -9,20 +10,8 @@ from bodyimage_kin.errors import InvalidArray, InvalidConfig
 from bodyimage_kin.estimators.analytic import AnalyticJacobian
 from bodyimage_kin.metrics import basin
 
-LINKS = np.array([0.1, 0.1, 0.06])
 GOALS = np.array([[0.3, 1.2, 0.4], [-0.5, 1.5, -0.6], [2.0, -1.4, -0.3]])
 LIMITS = {"lower": np.full(3, -3.0), "upper": np.full(3, 3.0)}
-
-
-def image(q):
-    angles = q.cumsum(-1)
-    return np.stack([np.cos(angles) @ LINKS, np.sin(angles) @ LINKS], -1)
-
-
-def jacobian(q):
-    angles = q.cumsum(-1)
-    columns = np.stack([-np.sin(angles) * LINKS, np.cos(angles) * LINKS], -2)
-    return columns[..., ::-1].cumsum(-1)[..., ::-1]
 
 
 def rotated(q, angle=np.pi / 6):

@@ -5,24 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from planar_arm import image, jacobian
 
 from bodyimage_kin import metrics
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
 
-LINKS = np.array([0.1, 0.1, 0.06])
 PARTS = ("discretisation", "position", "circulation")
 CONSTANT = np.array([[0.1, -0.2, 0.05], [0.3, 0.1, -0.1]])
-
-
-def image(q):
-    angles = q.cumsum(-1)
-    return np.stack([np.cos(angles) @ LINKS, np.sin(angles) @ LINKS], -1)
-
-
-def jacobian(q):
-    angles = q.cumsum(-1)
-    columns = np.stack([-np.sin(angles) * LINKS, np.cos(angles) * LINKS], -2)
-    return columns[..., ::-1].cumsum(-1)[..., ::-1]
 
 
 def constant(q):
