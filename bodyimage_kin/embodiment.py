@@ -282,24 +282,27 @@ class Embodiment:
     @cached_property
     def _skin_frame(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Pose and Jacobian of the skin's link, one for all postures; None where a felt joint moves it."""
-        if any(joint.kind != "fixed" for joint in self.felt_robot.path(self.skin.link)):
-            return None
-        return self.kinematics.pose(self.felt_home, self.skin.link)[None].numpy(), np.zeros((1, 6, self.p))
+        fixed = self._fixed_pose(self.skin.link)
+        return None if fixed is None else (fixed[None].numpy(), np.zeros((1, 6, self.p)))
 
     # Inner -----------------------------------------------------------------------------------------------------------
 
     def _pose_and_jacobian(
         self, q: Float[Tensor, "*batch p"], link: str
     ) -> tuple[Float[Tensor, "*batch 4 4"], Float[Tensor, "*batch 6 p"]]:
-        """Of a link; one that no felt joint moves is computed once."""
-        if link not in self._fixed_poses:
-            moves = any(joint.kind != "fixed" for joint in self.felt_robot.path(link))
-            self._fixed_poses[link] = None if moves else self.kinematics.pose(self.felt_home, link)
-        fixed = self._fixed_poses[link]
+        """Of a link."""
+        fixed = self._fixed_pose(link)
         if fixed is None:
             return self.kinematics.pose_and_jacobian(q, link)
         batch = q.shape[:-1]
         return fixed.to(q).expand(*batch, 4, 4), q.new_zeros(()).expand(*batch, 6, self.p)
+
+    def _fixed_pose(self, link: str) -> Float[Tensor, "4 4"] | None:
+        """Of a link that no felt joint moves, computed once; None of one that moves."""
+        if link not in self._fixed_poses:
+            moves = any(joint.kind != "fixed" for joint in self.felt_robot.path(link))
+            self._fixed_poses[link] = None if moves else self.kinematics.pose(self.felt_home, link)
+        return self._fixed_poses[link]
 
     def _point(
         self, q: ArrayLike, link: str, offset: Float[Tensor, "3"]

@@ -155,6 +155,20 @@ def run_cell(ground: Ground, scene: Scene, name: str, table: Table, keep: Sequen
     return stack(found, ground.seeds)
 
 
+def fit_all(spec: Any, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[Any]:
+    """What an estimator learns from experiences, one seed each; a user's own need not have ``fit_many``.
+
+    Raises:
+        WrongResult: ``fit_many`` gave more or fewer.
+    """
+    if not callable(getattr(spec, "fit_many", None)):
+        return [spec.fit(exp, seed) for exp, seed in zip(experiences, seeds, strict=True)]
+    learned = list(spec.fit_many(experiences, seeds))
+    if len(learned) != len(seeds):
+        raise WrongResult(f"fit_many returned {len(learned)} learned Jacobians for {len(seeds)} seeds")
+    return learned
+
+
 def failed(ground: Ground, keep: Sequence[str], failure: str) -> xr.Dataset:
     """The result of a cell of which nothing came."""
     return stack([_nothing(ground, keep, failure)] * len(ground.seeds), ground.seeds)
@@ -274,12 +288,7 @@ def _fit(ground: Ground, scene: Scene, name: str, spec: Any) -> list[Any]:
     seeds = [
         stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}/{name}")[0] for seed in ground.seeds
     ]
-    if not callable(getattr(spec, "fit_many", None)):
-        return [spec.fit(exp, seed) for exp, seed in zip(experiences, seeds, strict=True)]
-    learned = list(spec.fit_many(experiences, seeds))
-    if len(learned) != len(seeds):
-        raise WrongResult(f"fit_many returned {len(learned)} learned Jacobians for {len(seeds)} seeds")
-    return learned
+    return fit_all(spec, experiences, seeds)
 
 
 def _steps(recording: xr.Dataset) -> Float[np.ndarray, "steps p"]:

@@ -74,11 +74,16 @@ def distances(
     """
     seen = _training_postures(training)
     postures = np.asarray(q, dtype=np.float64)
-    mean, covariance = seen.mean(0), np.atleast_2d(np.cov(seen.T, bias=True))
-    covariance += 1e-6 * np.trace(covariance) / len(covariance) * np.eye(len(covariance))
-    whitened = np.linalg.solve(np.linalg.cholesky(covariance), (postures - mean).T)
+    whitened = np.linalg.solve(spread_root(seen), (postures - seen.mean(0)).T)
     places, here = (_in_chunks(body.hand_position, torch.from_numpy(one)).numpy() for one in (seen, postures))
     return np.linalg.norm(whitened, axis=0), np.asarray(scipy.spatial.KDTree(places).query(here)[0])
+
+
+def spread_root(postures: Float[np.ndarray, "postures p"]) -> Float[np.ndarray, "p p"]:
+    """Cholesky factor of their covariance, 1e-6 of its mean diagonal added [rad]: the unit of Mahalanobis distance."""
+    covariance = np.atleast_2d(np.cov(postures.T, bias=True))
+    covariance += 1e-6 * np.trace(covariance) / len(covariance) * np.eye(len(covariance))
+    return np.asarray(np.linalg.cholesky(covariance))
 
 
 def _training_postures(training: xr.Dataset) -> Float[np.ndarray, "postures p"]:

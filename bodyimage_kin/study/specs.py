@@ -145,7 +145,7 @@ def estimator_table(spec: Any) -> Table:
         return {name: {key: plain(f"estimator {name}: {key}", value) for key, value in settings.items()}}
     fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
     _refuse_unknown(f"estimator '{name}'", settings, [key for key in fields if key != "body"])
-    if _wants_body({name: settings}):
+    if wants_body({name: settings}):
         # It cannot be built before there is a body, so its settings are checked when its cells are.
         defaults = {key: field.default for key, field in fields.items() if field.default is not dataclasses.MISSING}
         return {name: _without_none({key: plain(key, value) for key, value in (defaults | settings).items()})}
@@ -192,16 +192,16 @@ def _class(name: str) -> type[Any]:
     return found
 
 
-def _wants_body(value: Any) -> bool:
+def wants_body(value: Any) -> bool:
     """Whether a table of an estimator, or of one within it, is to be given the embodiment."""
     if dataclasses.is_dataclass(value):
-        return hasattr(value, "body") or any(_wants_body(item) for item in vars(value).values())
+        return hasattr(value, "body") or any(wants_body(item) for item in vars(value).values())
     if isinstance(value, list | tuple):
-        return any(map(_wants_body, value))
+        return any(map(wants_body, value))
     if not isinstance(value, Mapping):
         return False
     named = [key for key in value if isinstance(key, str) and (":" in key or key in estimators.names())]
-    return any("body" in _parameters(_class(key)) for key in named) or any(map(_wants_body, value.values()))
+    return any("body" in _parameters(_class(key)) for key in named) or any(map(wants_body, value.values()))
 
 
 def _parameters(cls: Callable[..., Any]) -> Mapping[str, Any]:

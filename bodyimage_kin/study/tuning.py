@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import torch
-import xarray as xr
 
 from bodyimage_kin._files import write_text
 from bodyimage_kin.embodiment import Embodiment
@@ -27,7 +26,7 @@ from bodyimage_kin.estimators.base import Pairs, is_count, require
 from bodyimage_kin.metrics import displacement_error
 from bodyimage_kin.recordings.schema import experience
 from bodyimage_kin.study import specs
-from bodyimage_kin.study.cells import describe, stream
+from bodyimage_kin.study.cells import describe, fit_all, stream
 from bodyimage_kin.study.held_out import HeldOut, hold_out
 from bodyimage_kin.study.spaces import SPACES, checked_space, draw
 from bodyimage_kin.study.specs import Table
@@ -220,7 +219,7 @@ def _space_of(name: str) -> Table:
 
 def _as_given(name: str, base: Table, space: Table, body: Embodiment | None) -> Table:
     """What the space names, as the spec has it."""
-    if body is None and specs._wants_body({name: base}):
+    if body is None and specs.wants_body({name: base}):
         raise InvalidConfig(f"estimator {name} wants an embodiment; give body=")
     known = inspect.signature(type(specs.build_estimator({name: base}, body))).parameters
     for setting in space:
@@ -255,22 +254,13 @@ def _try(
     failure = ""
     try:
         spec = specs.build_estimator(specs.estimator_table({name: base | settings}), body)
-        learned = iter(_fit(spec, [lesson.seen for one in taught for lesson in one], seeds))
+        learned = iter(fit_all(spec, [lesson.seen for one in taught for lesson in one], seeds))
         judged = [[_error(next(learned), lesson.hidden) for lesson in one] for one in taught]
         # Five digits: no choice hangs on how sums are rounded.
         errors = tuple(float(f"{max(float(np.mean(one)), _ROUNDING):.5g}") for one in judged)
     except (Exception, SystemExit) as problem:
         failure = describe(problem)
     return Candidate(settings, errors, failure, time.process_time() - begin)
-
-
-def _fit(spec: Any, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[Any]:
-    if not callable(getattr(spec, "fit_many", None)):
-        return [spec.fit(exp, seed) for exp, seed in zip(experiences, seeds, strict=True)]
-    learned = list(spec.fit_many(experiences, seeds))
-    if len(learned) != len(seeds):
-        raise InvalidConfig(f"fit_many returned {len(learned)} learned Jacobians for {len(seeds)} experiences")
-    return learned
 
 
 def _error(learned: Any, hidden: Pairs) -> float:

@@ -16,6 +16,7 @@ from bodyimage_kin.estimators import GaussianProcess
 from bodyimage_kin.estimators.base import is_count, require
 from bodyimage_kin.estimators.gaussian_process import ImageProcess
 from bodyimage_kin.study.foreknowledge.known import Foresight, Known, PlausibleTruths, Predictor
+from bodyimage_kin.study.probes import spread_root
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,7 @@ class MeanPostureDistance(Predictor):
             return np.eye(known.seen_postures.shape[1])
         if self.unit == "use":
             return np.linalg.cholesky(known.metric)
-        covariance = np.atleast_2d(np.cov(known.seen_postures.T, bias=True))
-        return np.linalg.cholesky(covariance + 1e-6 * np.trace(covariance) / len(covariance) * np.eye(len(covariance)))
+        return spread_root(known.seen_postures)
 
 
 @dataclass(frozen=True)
