@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 # One math thread a process: results are the same to the bit, and processes do the rest.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: reproduce test test-all lint format docs clean
+.PHONY: reproduce test test-all bench lint format docs clean
 
 reproduce: $(READY)  ## the main job: reproduce the paper into $(OUT)
 	$(BIN)/bodyimage-kin reproduce --out $(OUT)
@@ -18,6 +18,9 @@ test: $(READY)  ## the default tests, under ten minutes on two cores
 
 test-all: $(READY)  ## the slow, exhaustive ones as well
 	$(BIN)/pytest -n 2 -m ""
+
+bench: $(READY)  ## speed and accuracy of every kinematics engine installed, written beside comparisons/speed/run.py
+	$(BIN)/python comparisons/speed/run.py
 
 lint: $(READY)  ## style and types
 	$(BIN)/ruff format --check .

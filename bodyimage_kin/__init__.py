@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     from bodyimage_kin import estimators as estimators
     from bodyimage_kin import metrics as metrics
     from bodyimage_kin import report as report
-    from bodyimage_kin._embodiment_file import embodiments as embodiments
-    from bodyimage_kin._embodiment_file import load_embodiment as load_embodiment
     from bodyimage_kin.backends import Kinematics as Kinematics
     from bodyimage_kin.backends import RobotKinematics as RobotKinematics
     from bodyimage_kin.backends import backends as backends
     from bodyimage_kin.backends import kinematics as kinematics
+    from bodyimage_kin.body.embodiment import Embodiment as Embodiment
+    from bodyimage_kin.body.file import embodiments as embodiments
+    from bodyimage_kin.body.file import load_embodiment as load_embodiment
     from bodyimage_kin.body_image import BodyImage as BodyImage
     from bodyimage_kin.body_image import integrate as integrate
-    from bodyimage_kin.embodiment import Embodiment as Embodiment
     from bodyimage_kin.errors import BodyImageKinError as BodyImageKinError
     from bodyimage_kin.estimators import load_learned as load_learned
     from bodyimage_kin.recordings import experience as experience
@@ -37,16 +37,16 @@ if TYPE_CHECKING:
 _EXPORTS = {
     "BodyImage": "bodyimage_kin.body_image",
     "BodyImageKinError": "bodyimage_kin.errors",
-    "Embodiment": "bodyimage_kin.embodiment",
+    "Embodiment": "bodyimage_kin.body.embodiment",
     "Kinematics": "bodyimage_kin.backends",
     "Robot": "bodyimage_kin.robot",
     "RobotKinematics": "bodyimage_kin.backends",
     "Study": "bodyimage_kin.study",
-    "embodiments": "bodyimage_kin._embodiment_file",
+    "embodiments": "bodyimage_kin.body.file",
     "experience": "bodyimage_kin.recordings",
     "integrate": "bodyimage_kin.body_image",
     "kinematics": "bodyimage_kin.backends",
-    "load_embodiment": "bodyimage_kin._embodiment_file",
+    "load_embodiment": "bodyimage_kin.body.file",
     "load_learned": "bodyimage_kin.estimators",
     "read_recording": "bodyimage_kin.recordings",
     "write_recording": "bodyimage_kin.recordings",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 from typing import NamedTuple
 
-from bodyimage_kin._urdf_reader import MAX_BYTES, MAX_DEPTH, MAX_JOINTS
+from bodyimage_kin.robot.reader import MAX_BYTES, MAX_DEPTH, MAX_JOINTS
 
 GOOD = """<?xml version="1.0" encoding="utf-8"?>
 <robot name="arm">

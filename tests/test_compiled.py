@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from bodyimage_kin import _compiled, _reach
+from bodyimage_kin import _compiled
+from bodyimage_kin.body import reach
 
 
 def test_functions_compile_where_nothing_can_be_cached(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,16 +63,16 @@ def test_a_step_within_limits_is_the_one_of_least_displacement() -> None:
     change = pull[..., None] + inverse @ (error[..., None] - jacobian @ pull[..., None])
     length = change.norm(dim=1, keepdim=True)
     expected = q + (change * (0.5 / length).clamp(max=1.0))[..., 0]
-    torch.testing.assert_close(_reach.step(jacobian, error, pull, q, -wide, wide), expected, atol=1e-9, rtol=0)
+    torch.testing.assert_close(reach.step(jacobian, error, pull, q, -wide, wide), expected, atol=1e-9, rtol=0)
 
 
 def test_joints_at_a_limit_stay_there_and_the_others_close_the_error() -> None:
     jacobian, error, pull, q = problems(1)
     lower, upper = torch.full((5,), -10.0).double(), torch.full((5,), 10.0).double()
     # The first joint is at a limit that it is asked to pass.
-    free = _reach.step(jacobian, error, pull, q, lower, upper)
+    free = reach.step(jacobian, error, pull, q, lower, upper)
     lower[0], q[:, 0] = q[:, 0].max() + 0.1, q[:, 0].max() + 0.1
-    after = _reach.step(jacobian, error, pull, q, lower, upper)
+    after = reach.step(jacobian, error, pull, q, lower, upper)
     assert bool((after >= lower).all())
     held = after[:, 0] == lower[0]
     assert bool(held.any())
@@ -85,5 +86,5 @@ def test_joints_at_a_limit_stay_there_and_the_others_close_the_error() -> None:
 def test_a_point_that_no_joint_moves_leaves_the_posture_finite() -> None:
     jacobian, error, pull, q = problems(2)
     limit = torch.full((5,), 10.0, dtype=torch.float64)
-    after = _reach.step(0 * jacobian, error, pull, q, -limit, limit)
+    after = reach.step(0 * jacobian, error, pull, q, -limit, limit)
     assert bool(np.isfinite(after.numpy()).all())

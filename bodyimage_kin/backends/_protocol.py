@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import torch
 from jaxtyping import Float
 
-from bodyimage_kin._urdf import KinematicTree
 from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.tree import KinematicTree
 
 
 @runtime_checkable

@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from bodyimage_kin._transforms import rpy_matrix
 from bodyimage_kin.backends._protocol import moving_columns, numbered_chain
 from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.transforms import rpy_matrix
 
 
 class MujocoBackend:

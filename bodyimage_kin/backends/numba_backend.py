@@ -18,13 +18,13 @@ from jaxtyping import Float, Float64, Int64
 from torch import Tensor
 
 from bodyimage_kin._arrays import refuse_not_finite
-from bodyimage_kin._transforms import Matrix3, Matrix4, rpy_matrix, transform
-from bodyimage_kin._urdf import Joint
 from bodyimage_kin.backends import _numba_kernels as kernels
 from bodyimage_kin.backends._protocol import Abilities
 from bodyimage_kin.backends.torch_backend import TorchBackend
 from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotDifferentiable
 from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.transforms import Matrix3, Matrix4, rpy_matrix, transform
+from bodyimage_kin.robot.tree import Joint
 
 _POSTURES_A_THREAD = 8192
 """Starting a thread costs as much time as some two thousand postures."""

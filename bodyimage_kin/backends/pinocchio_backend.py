@@ -7,9 +7,9 @@ import pinocchio
 import torch
 from jaxtyping import Float
 
-from bodyimage_kin._urdf import write_core
 from bodyimage_kin.backends._protocol import moving_columns, numbered_chain
 from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.tree import write_core
 
 
 class PinocchioBackend:

@@ -19,10 +19,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from bodyimage_kin import _transforms
-from bodyimage_kin._urdf import Joint
-from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.robot import transforms
+from bodyimage_kin.robot.tree import Joint
 
 _NEAREST = 1e-3
 """Depth below which a fit must not divide by it [m]."""
@@ -214,7 +214,7 @@ def _walk(path: tuple[Joint, ...]) -> tuple[Float[np.ndarray, "4 4"], dict[str, 
     """Where a path ends at the zero posture, and where each of its joints is, in the root."""
     here, placed = np.eye(4), {}
     for joint in path:
-        here = here @ _transforms.transform(_transforms.rpy_matrix(joint.rpy), joint.xyz)
+        here = here @ transforms.transform(transforms.rpy_matrix(joint.rpy), joint.xyz)
         placed[joint.name] = here
     return here, placed
 

@@ -15,7 +15,7 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators._field import JacobianField
 from bodyimage_kin.estimators.analytic import AnalyticJacobian

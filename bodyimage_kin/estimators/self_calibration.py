@@ -18,7 +18,7 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 from bodyimage_kin.estimators._chain import Chain
 from bodyimage_kin.estimators._field import ImageModel

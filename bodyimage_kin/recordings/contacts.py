@@ -8,8 +8,8 @@ import numpy as np
 import scipy.spatial
 from jaxtyping import Float, Int
 
-from bodyimage_kin._geometry import Points, Shape
-from bodyimage_kin.skin import Skin
+from bodyimage_kin.body.skin import Skin
+from bodyimage_kin.robot.shapes import Points, Shape
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,10 @@ import torch
 from jaxtyping import Float
 from mujoco import rollout
 
-from bodyimage_kin import _mujoco_model, _reach
-from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.body import reach
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, Unreachable
+from bodyimage_kin.recordings import mujoco_model
 from bodyimage_kin.recordings.contacts import nearest_on_shapes
 
 _CHUNK = 10.0
@@ -126,7 +127,7 @@ def drag(
     every = whole_steps(sampling, settings.step, "sampling")
     if not motions:
         return []
-    model = _mujoco_model.build(
+    model = mujoco_model.build(
         body,
         step=settings.step,
         stiffness=settings.stiffness,
@@ -146,7 +147,7 @@ def drag(
     unit = math.lcm(every, whole_steps(settings.torque_hold, settings.step, "drag: torque_hold"))
     chunk = unit * max(1, round(_CHUNK / settings.step / unit))
     # The state begins with the time.
-    columns = 1 + _mujoco_model.joint_columns(model)
+    columns = 1 + mujoco_model.joint_columns(model)
     sampled = [state[:, None, columns]]
     with _warnings_kept_quiet(), rollout.Rollout(nthread=workers if workers > 1 else 0) as pool:
         for begin in range(0, steps, chunk):
@@ -180,7 +181,7 @@ def start_posture(body: Embodiment, motion: Motion) -> Float[np.ndarray, "p"]:
     """
     lower, upper = body.felt_robot.lower, body.felt_robot.upper
     target = torch.from_numpy(motion.centres[:1])
-    q, reached = _reach.least_displacement(
+    q, reached = reach.least_displacement(
         body.hand_in_skin_and_jacobian, target, torch.from_numpy(motion.rest), lower, upper
     )
     if not bool(reached.all()):
@@ -217,14 +218,14 @@ class _Controls:
 def _at_rest(model: mujoco.MjModel, rest: Float[np.ndarray, "p"]) -> mujoco.MjModel:
     """The model whose springs are relaxed at a posture."""
     model = copy.copy(model)
-    model.qpos_spring[_mujoco_model.joint_columns(model)] = rest
+    model.qpos_spring[mujoco_model.joint_columns(model)] = rest
     return model
 
 
 def _state(model: mujoco.MjModel, q: Float[np.ndarray, "p"]) -> Float[np.ndarray, "state"]:
     """MuJoCo's state of a posture at rest, at time zero."""
     data = mujoco.MjData(model)
-    data.qpos[_mujoco_model.joint_columns(model)] = q
+    data.qpos[mujoco_model.joint_columns(model)] = q
     state = np.empty(mujoco.mj_stateSize(model, _STATE))
     mujoco.mj_getState(model, data, state, _STATE)
     return state

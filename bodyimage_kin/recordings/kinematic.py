@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from bodyimage_kin import _reach
-from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.body import reach
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import Unreachable
 
 _ITERATIONS = 12
@@ -38,7 +38,7 @@ def follow(
     """
     lower, upper = body.felt_robot.lower, body.felt_robot.upper
     targets, home = torch.from_numpy(centres), torch.from_numpy(rest)
-    q, reached = _reach.least_displacement(body.hand_in_skin_and_jacobian, targets[:1], home, lower, upper)
+    q, reached = reach.least_displacement(body.hand_in_skin_and_jacobian, targets[:1], home, lower, upper)
     if not bool(reached.all()):
         raise Unreachable("the hand cannot reach the path's first point within the joint limits")
     postures = torch.empty(len(targets), body.p, dtype=torch.float64)
@@ -50,7 +50,7 @@ def follow(
             error = targets[index] - position
             if iteration > 0 and bool((error.abs() < _CLOSE).all()):
                 break
-            q = _reach.step(jacobian, error, drift, q, lower, upper)
+            q = reach.step(jacobian, error, drift, q, lower, upper)
             drift = torch.zeros_like(q)
         else:
             raise Unreachable(f"the hand cannot follow the path at sample {index} within the joint limits")

@@ -20,7 +20,7 @@ import torch
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName, Unreachable
 from bodyimage_kin.recordings import paths
 from bodyimage_kin.recordings.contacts import find_contacts, touched_taxels

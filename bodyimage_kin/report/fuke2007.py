@@ -15,12 +15,12 @@ import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
-from bodyimage_kin._embodiment_file import load_embodiment
 from bodyimage_kin._files import write_text
-from bodyimage_kin.embodiment import Embodiment
-from bodyimage_kin.report import body_figures, figures, specification, style
-from bodyimage_kin.study import fuke2007
-from bodyimage_kin.study.fuke2007 import CONDITIONS, DIRECT, PARTS, PROBES, Cell, Settings
+from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.body.file import load_embodiment
+from bodyimage_kin.figures import body_figures, figures, specification, style
+from bodyimage_kin.published import fuke2007
+from bodyimage_kin.published.fuke2007 import CONDITIONS, DIRECT, PARTS, PROBES, Cell, Settings
 
 _SHOWN = ("paper_mlp", "least_squares", "analytic")
 _MAPPED = (*_SHOWN, DIRECT)
@@ -66,7 +66,7 @@ def write_reproduction(settings: Settings, cells: Sequence[Cell], summary: Mappi
 
     Args:
         settings: Of the run.
-        cells: What :func:`bodyimage_kin.study.fuke2007.run` gave.
+        cells: What :func:`bodyimage_kin.published.fuke2007.run` gave.
         summary: The same in numbers.
         folder: Figures go to ``folder/figures``.
 

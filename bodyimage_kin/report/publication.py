@@ -13,7 +13,7 @@ import xarray as xr
 
 from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
-from bodyimage_kin.report import error_figures, style
+from bodyimage_kin.figures import error_figures, style
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.scores import PARTS

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 
 from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.report import figures, score_figures, study_maps, style
-from bodyimage_kin.report.atlas import face_atlas
+from bodyimage_kin.figures import figures, score_figures, study_maps, style
+from bodyimage_kin.figures.atlas import face_atlas
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.scores import PARTS, SCORES
 from bodyimage_kin.study.statistics import PUBLISHED

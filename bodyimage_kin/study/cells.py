@@ -19,11 +19,12 @@ import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
-from bodyimage_kin._embodiment_file import load_embodiment
-from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import experience, simulate
-from bodyimage_kin.study import maps, probes, scoring
+from bodyimage_kin.study import maps, scoring
 from bodyimage_kin.study.scores import CAUSES, PARTS, SCORES
 from bodyimage_kin.study.scoring import WrongResult
 from bodyimage_kin.study.specs import Table, build_estimator, motion_arguments

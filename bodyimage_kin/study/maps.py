@@ -19,8 +19,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import BodyImage, PostureSOM
-from bodyimage_kin.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.recordings import experience
 

@@ -11,10 +11,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import integrate
-from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import experience
-from bodyimage_kin.study import maps, probes
+from bodyimage_kin.study import maps
 from bodyimage_kin.study.scores import CAUSES, PARTS, SCORES
 from bodyimage_kin.study.specs import Table
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import xarray as xr
 
-from bodyimage_kin import _output
+from bodyimage_kin import _files
 from bodyimage_kin._files import atomic_path
 from bodyimage_kin.errors import InvalidConfig, OutputRefused
 from bodyimage_kin.recordings import read_recording, write_recording
@@ -55,7 +55,7 @@ class Store:
         if different := list(differences(stored, before_it_grew(stored, origin))):
             shown = "; ".join(different[:5]) + (f"; and {len(different) - 5} more" if len(different) > 5 else "")
             raise OutputRefused(f"'{folder}' holds another study: {shown}; name another folder for this one")
-        return cls(_output.claim(folder, KIND, {**origin, "folder": str(begin.absolute())}))
+        return cls(_files.claim(folder, KIND, {**origin, "folder": str(begin.absolute())}))
 
     def cell(self, ground: Ground, block: int, estimator: str) -> Path:
         """File of a cell."""

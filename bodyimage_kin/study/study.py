@@ -15,8 +15,8 @@ import tomli_w
 import torch
 import xarray as xr
 
-from bodyimage_kin._embodiment_file import load_embodiment
 from bodyimage_kin._files import write_text
+from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.study import cells, executors, results, scores, specs, store
 from bodyimage_kin.study.cells import Ground, Scene

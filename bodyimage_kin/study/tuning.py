@@ -1,7 +1,7 @@
 """Tuning: every estimator gets the same budget of settings, judged on what was seen alone; all of it is recorded.
 
 Random search, each candidate judged on regions of the image that were hidden from it
-(:mod:`bodyimage_kin.study.held_out`).
+(:mod:`bodyimage_kin.metrics.held_out`).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ import numpy as np
 import torch
 
 from bodyimage_kin._files import write_text
-from bodyimage_kin.embodiment import Embodiment
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators.base import Pairs, is_count, require
 from bodyimage_kin.metrics import displacement_error
+from bodyimage_kin.metrics.held_out import HeldOut, hold_out
 from bodyimage_kin.recordings.schema import experience
 from bodyimage_kin.study import specs
 from bodyimage_kin.study.cells import describe, fit_all, stream
-from bodyimage_kin.study.held_out import HeldOut, hold_out
 from bodyimage_kin.study.spaces import SPACES, checked_space, draw
 from bodyimage_kin.study.specs import Table
 

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bodyimage_kin.report import style
-from bodyimage_kin.report._panels import legend_above
+from bodyimage_kin.figures import style
+from bodyimage_kin.figures._panels import legend_above
 
 TITLES = {
     "posture": "Posture as an input of f",

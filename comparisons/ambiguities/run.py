@@ -34,7 +34,7 @@ from readings import MEASURES, Found, of_seed
 import bodyimage_kin as bk
 from bodyimage_kin._files import write_text
 from bodyimage_kin._progress import Report, progress
-from bodyimage_kin.report import style
+from bodyimage_kin.figures import style
 from bodyimage_kin.study.statistics import PUBLISHED, holm, interval, sign_flip
 
 HERE = Path(__file__).parent

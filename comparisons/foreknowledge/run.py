@@ -11,8 +11,8 @@ from pathlib import Path
 
 from bodyimage_kin._files import write_text
 from bodyimage_kin._progress import progress
-from bodyimage_kin.report import foreknowledge_figures, style
-from bodyimage_kin.study import foreknowledge
+from bodyimage_kin.figures import foreknowledge_figures, style
+from bodyimage_kin.published import foreknowledge
 
 
 def main() -> None:

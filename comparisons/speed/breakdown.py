@@ -20,9 +20,9 @@ import torch
 
 from bodyimage_kin.body_image import BodyImage, integration, posture_som
 from bodyimage_kin.estimators import PaperMLP
+from bodyimage_kin.published.fuke2007 import blindness, cell, scene, scores
+from bodyimage_kin.published.fuke2007.conditions import MOTIONS, Settings
 from bodyimage_kin.recordings import dynamics, files, kinematic, paths
-from bodyimage_kin.study.fuke2007 import blindness, cell, scene, scores
-from bodyimage_kin.study.fuke2007.conditions import MOTIONS, Settings
 
 PARTS = {
     "passive arm in MuJoCo": (dynamics, "drag"),

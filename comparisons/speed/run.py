@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from bodyimage_kin import bench
+import bench
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import bodyimage_kin as bk
-from bodyimage_kin.report import style
+from bodyimage_kin.figures import style
 
 body = bk.load_embodiment("infant")
 posture = body.touch_postures([body.skin.landmarks["nose"]], distance=0.03)[0].numpy()

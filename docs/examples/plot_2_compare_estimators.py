@@ -9,7 +9,7 @@ the face, where it never was?
 import matplotlib.pyplot as plt
 
 import bodyimage_kin as bk
-from bodyimage_kin.report import style
+from bodyimage_kin.figures import style
 
 body = bk.load_embodiment("infant")
 recording = bk.simulate.circle(

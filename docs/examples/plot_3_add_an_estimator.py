@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin.report import style
+from bodyimage_kin.figures import style
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import tempfile
 import matplotlib.pyplot as plt
 
 import bodyimage_kin as bk
-from bodyimage_kin.report import style
+from bodyimage_kin.figures import style
 from bodyimage_kin.study import compare
 
 touch = {"duration": 20.0}  # [s], where the metric is taken from

@@ -13,8 +13,8 @@ import pytest
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin._transforms import rpy_matrix, transform
 from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotDifferentiable, NotVisible, UnknownName
+from bodyimage_kin.robot.transforms import rpy_matrix, transform
 from tests.robots import ARM, ONE_JOINT, STATUE, TRICKY
 
 pytest.importorskip("numba")

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin import _transforms
 from bodyimage_kin.backends import _numba_kernels as kernels
 from bodyimage_kin.backends import chain_pose
 from bodyimage_kin.errors import InvalidArray, InvalidPosture, UnsupportedDevice
+from bodyimage_kin.robot import transforms
 from tests.robots import ARM, ONE_JOINT, STATUE, TRICKY
 
 # torch 2.13 warns of itself in forward mode.
@@ -41,7 +41,7 @@ def chain(axes: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     turns, places = torch.rand(2, len(axes) + 1, 3, generator=generator, dtype=torch.float64)
     origins = torch.stack(
         [
-            torch.from_numpy(_transforms.transform(_transforms.rpy_matrix(rpy), xyz))
+            torch.from_numpy(transforms.transform(transforms.rpy_matrix(rpy), xyz))
             for rpy, xyz in zip(turns.tolist(), places.tolist(), strict=True)
         ]
     )
@@ -64,7 +64,7 @@ def by_products(
         if slides:
             move[:3, 3] = unit * value
         else:
-            move[:3, :3] = torch.from_numpy(_transforms.axis_angle_matrix(unit.tolist(), float(value)))
+            move[:3, :3] = torch.from_numpy(transforms.axis_angle_matrix(unit.tolist(), float(value)))
         pose = pose @ origin @ move
     return pose @ origins[-1]
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin._embodiment_file import embodiment_folder
+from bodyimage_kin.body.file import embodiment_folder
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators import SelfCalibration
 from bodyimage_kin.estimators._chain import Chain

@@ -10,15 +10,14 @@ import pytest
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin import _mujoco_model
-from bodyimage_kin._geometry import Shape
-from bodyimage_kin._mujoco_model import joint_columns
-from bodyimage_kin._transforms import axis_angle_matrix, transform
 from bodyimage_kin.errors import InvalidConfig, InvalidURDF, UnknownName, Unreachable
-from bodyimage_kin.recordings import dynamics, simulate
+from bodyimage_kin.recordings import dynamics, mujoco_model, simulate
 from bodyimage_kin.recordings.contacts import Contacts, find_contacts, nearest_on_shapes, touched_taxels
 from bodyimage_kin.recordings.dynamics import DragSettings, Motion, drag
+from bodyimage_kin.recordings.mujoco_model import joint_columns
 from bodyimage_kin.recordings.simulate import circle, face_tour, many, random_touch
+from bodyimage_kin.robot.shapes import Shape
+from bodyimage_kin.robot.transforms import axis_angle_matrix, transform
 
 NOISE = DragSettings(torque_variance=0.01)
 URDF = Path(__file__).parents[2] / "urdf"
@@ -37,7 +36,7 @@ def touch(body):
 
 def build(body, **changes):
     settings = {"step": 0.002, "stiffness": 60.0, "damping": 4.0, "joint_damping": 0.025, "rest_stiffness": 0.05}
-    return _mujoco_model.build(body, **{**settings, "friction": 0.0, **changes})
+    return mujoco_model.build(body, **{**settings, "friction": 0.0, **changes})
 
 
 def some_postures(body, count, seed=0):
@@ -111,7 +110,7 @@ def test_controls_put_the_damper_on_the_velocity_relative_to_the_target(body):
 def test_mass_is_that_of_the_links(body):
     model = build(body)
     arm = ("shoulder_pitch_link", "shoulder_roll_link", "upper_arm", "forearm", "palm", "hand")
-    expected = sum(_mujoco_model._inertials(body.robot)[f"left_{link}"].mass for link in arm)
+    expected = sum(mujoco_model._inertials(body.robot)[f"left_{link}"].mass for link in arm)
     assert model.body_mass.sum() == pytest.approx(expected, rel=1e-12)
     # Palm and fist move as one: their common inertia about an axis is that of two bodies apart.
     data = mujoco.MjData(model)
@@ -119,7 +118,7 @@ def test_mass_is_that_of_the_links(body):
     mujoco.mj_forward(model, data)
     full = np.empty((5, 5))
     mujoco.mj_fullM(model, data, full)
-    inertials = _mujoco_model._inertials(body.robot)
+    inertials = mujoco_model._inertials(body.robot)
     expected = np.zeros((5, 5))
     q = body.felt_home
     for link in arm:
@@ -303,7 +302,7 @@ SHAPES = [
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.kind)
 def test_nearest_point_is_that_of_mujoco(shape):
     spec = mujoco.MjSpec()
-    _mujoco_model._add_shape(spec.worldbody, shape, np.eye(4))
+    mujoco_model._add_shape(spec.worldbody, shape, np.eye(4))
     probe = spec.worldbody.add_body(mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
     for axis in np.eye(3):
         probe.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)

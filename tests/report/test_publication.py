@@ -8,7 +8,7 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
-from bodyimage_kin.report import error_figures
+from bodyimage_kin.figures import error_figures
 from bodyimage_kin.study.results import MISSING
 
 ESTIMATORS = ["analytic", "least_squares", "rational_trig"]

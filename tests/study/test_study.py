@@ -13,10 +13,11 @@ import pytest
 import xarray as xr
 
 import bodyimage_kin as bk
-from bodyimage_kin._embodiment_file import embodiment_folder
+from bodyimage_kin.body.file import embodiment_folder
+from bodyimage_kin.cli import study as commands
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.recordings import read_recording
-from bodyimage_kin.study import Study, commands, specs, statistics, summary
+from bodyimage_kin.study import Study, specs, statistics, summary
 from bodyimage_kin.study.results import MISSING
 
 

@@ -9,8 +9,9 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin import metrics
+from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import read_recording
-from bodyimage_kin.study import Study, probes, scores, scoring, specs
+from bodyimage_kin.study import Study, scores, scoring, specs
 
 
 @pytest.fixture(scope="module")

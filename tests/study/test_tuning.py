@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators import ConstantJacobian, Estimator, LeastSquares, Ridge, pairs
+from bodyimage_kin.metrics.held_out import hold_out, image_regions
 from bodyimage_kin.study import specs
-from bodyimage_kin.study.held_out import hold_out, image_regions
 from bodyimage_kin.study.spaces import SPACES, checked_space, draw
 from bodyimage_kin.study.tuning import read_tuning, tune, write_tuning
 

@@ -1,0 +1,9 @@
+"""Bodies: a robot with felt joints, a hand, a camera, a skin, and a home posture."""
+
+from bodyimage_kin.body.camera import Camera as Camera
+from bodyimage_kin.body.embodiment import Embodiment as Embodiment
+from bodyimage_kin.body.embodiment import Hand as Hand
+from bodyimage_kin.body.file import embodiments as embodiments
+from bodyimage_kin.body.file import load_embodiment as load_embodiment
+from bodyimage_kin.body.skin import Patch as Patch
+from bodyimage_kin.body.skin import Skin as Skin

@@ -1,0 +1,193 @@
+"""The command ``bodyimage-kin``: parse, call the library, print.
+
+Nothing heavy is imported before a command runs, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Reproduce the paper: learn Jacobians on the visible circle, map the unseen face, and hold both against the truth.
+
+    Writes recordings, summary.json, figures (SVG and PNG) and report.html.
+    """
+
+    out: Path
+    """Folder for the results: new, empty, or of an earlier reproduction."""
+    seeds: int | None = None
+    """Number of recordings of each motion; by default 10, or 3 when quick."""
+    embodiment: str = "infant"
+    """Name of an embodiment, or path of a TOML file."""
+    quick: bool = False
+    """A tenth of the touching time, for a first look."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from dataclasses import asdict
+
+        from bodyimage_kin._files import claim
+        from bodyimage_kin._progress import progress
+        from bodyimage_kin.published import fuke2007
+        from bodyimage_kin.report.fuke2007 import write_reproduction
+
+        begin = time.monotonic()
+        seeds = self.seeds if self.seeds is not None else (3 if self.quick else 10)
+        settings = fuke2007.Settings(self.embodiment, seeds, self.quick)
+        # A wrong embodiment is told before any folder is touched.
+        fuke2007.check(settings)
+        folder = claim(self.out, "reproduction", asdict(settings))
+        with progress("motions and seeds") as report:
+            cells = fuke2007.run(settings, folder / "recordings", progress=report)
+        summary = fuke2007.summarise(settings, cells)
+        page = write_reproduction(settings, cells, summary, folder)
+        fuke2007.write_summary(summary, folder / "summary.json")
+        print(f"{page} after {time.monotonic() - begin:.0f} s")
+        return 0
+
+
+@dataclass(frozen=True)
+class Conform:
+    """Hold kinematics libraries against an analytic oracle, law by law, on random robots or given ones.
+
+    Exit status 1 when a law is broken; every failure is reduced to the smallest robot that shows it.
+    """
+
+    target: Annotated[str | None, tyro.conf.Positional] = None
+    """A URDF, a folder of them, or an installed package that has some; nothing: random robots."""
+    backend: tuple[str, ...] = ()
+    """Names of backends, or package.module:Class; nothing: every backend installed."""
+    examples: int = 100
+    """Cases for each library and law."""
+    out: Path | None = None
+    """Folder for report.html, report.json and the smallest failing robots."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.testing.conform import conform
+
+        report = conform(
+            self.target,
+            list(self.backend) or None,
+            self.examples,
+            self.out,
+            tell=lambda verdict: print(".", end="", flush=True, file=sys.stderr),
+        )
+        print(file=sys.stderr)
+        print(report)
+        return report.exit_status
+
+
+@dataclass(frozen=True)
+class Study:
+    """Work off a study of learned Jacobians; what is there already is not computed again.
+
+    Exit status 1 when a cell failed; the others are kept.
+    """
+
+    file: Annotated[Path | None, tyro.conf.Positional] = None
+    """The study as TOML."""
+    out: Path | None = None
+    """Folder for its cells and its page."""
+    status: Path | None = None
+    """Only say how far the study in this folder is."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler, tcp://..., instead of a pool of processes."""
+    workers: int | None = None
+    """Number of processes; by default one a core."""
+    retry: bool = False
+    """Try cells again that failed before."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.cli import study as commands
+
+        if self.status is not None:
+            return commands.status_command(self.status)
+        if self.file is None or self.out is None:
+            raise InvalidConfig("give a study file and --out DIR, or --status DIR")
+        return commands.study_command(
+            self.file, self.out, workers=self.workers, scheduler=self.scheduler, retry=self.retry
+        )
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write the page of a study that has been worked off."""
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """The study's folder."""
+    baseline: str | None = None
+    """Estimator that the others are compared with."""
+    atlas: str | None = None
+    """Estimator whose error is drawn taxel by taxel."""
+    publish: Path | None = None
+    """Folder for results.json, table.md and a figure, small enough to be kept."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.cli import study as commands
+
+        return commands.report_command(self.folder, self.baseline, self.atlas, self.publish)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Learn a Jacobian from a recording and save it."""
+
+    estimator: Annotated[str, tyro.conf.Positional]
+    """Name of an estimator, or package.module:Class."""
+    recording: Annotated[Path, tyro.conf.Positional]
+    """The recording, NetCDF."""
+    out: Path
+    """Folder for the learned Jacobian."""
+    embodiment: str | None = None
+    """For estimators that know the body."""
+    seed: int = 0
+    """Of whatever is drawn at random."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.cli import study as commands
+
+        return commands.fit_command(
+            self.estimator, self.recording, self.out, embodiment=self.embodiment, seed=self.seed
+        )
+
+
+_COMMANDS: dict[str, Callable[..., Any]] = {
+    "reproduce": Reproduce,
+    "study": Study,
+    "report": Report,
+    "fit": Fit,
+    "conform": Conform,
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; a user's error is one line on standard error and exit status 2."""
+    command = tyro.extras.subcommand_cli_from_dict(
+        _COMMANDS,
+        prog="bodyimage-kin",
+        description="Learned kinematics held against the analytic truth.",
+        args=arguments,
+    )
+    try:
+        return int(command())
+    except BodyImageKinError as problem:
+        print(f"bodyimage-kin: {problem}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("bodyimage-kin: interrupted; what is finished is kept", file=sys.stderr)
+        return 130

@@ -1,0 +1,1 @@
+"""Figures: functions that draw, and what they share."""

@@ -1,0 +1,1 @@
+"""Published studies, each a grid of cells and a judgement of what comes out."""

@@ -1,0 +1,129 @@
+"""What all estimators of one motion and seed share: recordings, probes and the truth to be scored against."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.spatial
+import torch
+import xarray as xr
+from jaxtyping import Float
+
+from bodyimage_kin import metrics
+from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.body_image import PostureSOM
+from bodyimage_kin.published.fuke2007.conditions import Motion, Settings
+from bodyimage_kin.recordings import experience, paths, simulate, write_recording
+from bodyimage_kin.study.maps import POSTURE_GRID, Lesson, seen_range
+
+_IN_FRONT = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What all estimators of one motion and seed are scored against.
+
+    Attributes:
+        body: The embodiment.
+        seed: The seed.
+        circle: Recording in view.
+        tour: Recording of the tour.
+        touch: Recording of the touches.
+        probes: Probe -> postures.
+        truth: Probe -> true Jacobians.
+        excitation: Of touching by the circle.
+        true_map: Where a perfect map has each taxel [m].
+        loop: Postures over the landmarks and back to the first.
+        lesson: What maps are learned from.
+    """
+
+    body: Embodiment
+    seed: int
+    circle: xr.Dataset
+    tour: xr.Dataset
+    touch: xr.Dataset
+    probes: Mapping[str, torch.Tensor]
+    truth: Mapping[str, np.ndarray]
+    excitation: metrics.Excitation
+    true_map: Float[np.ndarray, "rows columns m"]
+    loop: Float[torch.Tensor, "time p"]
+    lesson: Lesson
+
+
+def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, folder: Path) -> Scene:
+    """Simulates, and writes the recordings into the folder, ``MOTION_seedSEED_KIND.nc``."""
+    felt = {"encoder_noise": settings.encoder_noise, "image_noise": settings.image_noise}
+    asked: dict[str, Any] = {"seed": seed, **motion.settings, **felt}
+    circle = simulate.circle(body, **asked)
+    tour = simulate.face_tour(body, **asked)
+    touch = simulate.random_touch(body, duration=settings.touch_duration, **asked)
+    for recording in (circle, tour, touch):
+        write_recording(recording, folder / f"{motion.name}_seed{seed}_{recording.attrs['kind']}.nc")
+    probes = probe_postures(body, circle)
+    touching = touch["true_q"].values[0][touch["true_taxel"].values[0] >= 0]
+    return Scene(
+        body=body,
+        seed=seed,
+        circle=circle,
+        tour=tour,
+        touch=touch,
+        probes=probes,
+        truth={probe: body.hand_image_jacobian(q).numpy() for probe, q in probes.items()},
+        excitation=metrics.excitation(_displacements(circle), _displacements(touch)),
+        true_map=body.hand_image(probes["on_face"]).numpy().reshape(*body.skin.shape, body.m),
+        loop=_closed_loop(body),
+        lesson=Lesson(
+            experience(touch), body.skin.shape, seen_range(circle), PostureSOM.fit(touching, POSTURE_GRID, seed)
+        ),
+    )
+
+
+def probe_postures(body: Embodiment, circle: xr.Dataset) -> dict[str, Float[torch.Tensor, "postures p"]]:
+    """The posture sets at which Jacobians are scored, :data:`PROBES`."""
+    seen = circle["true_q"].values.reshape(-1, body.p)
+    everywhere = np.arange(body.skin.count)
+    return {
+        "on_circle": torch.from_numpy(seen[np.isfinite(seen).all(1)]),
+        "in_front": body.touch_postures(everywhere, _IN_FRONT),
+        "on_face": body.touch_postures(everywhere),
+    }
+
+
+def _displacements(recording: xr.Dataset) -> Float[np.ndarray, "steps p"]:
+    """Felt displacements of the joints in one sampling step."""
+    steps = np.diff(recording["q"].values, axis=1)
+    return steps.reshape(-1, steps.shape[-1])
+
+
+def depth_scale(scene: Scene) -> float:
+    """How much farther the hand was on the circle than it is while touching: what a scaled rival is told."""
+    with torch.no_grad():
+        depth = scene.body.hand_in_camera(scene.probes["on_circle"])[:, 2]
+    return float(depth.mean()) / scene.body.camera.screen_distance
+
+
+def distances(scene: Scene) -> dict[str, np.ndarray]:
+    """How far the hand is from where it was ever seen [m]."""
+    tree = scipy.spatial.KDTree(scene.circle["true_hand_position"].values.reshape(-1, 3))
+    with torch.no_grad():
+        return {
+            probe: np.asarray(tree.query(scene.body.hand_position(q).numpy())[0]) for probe, q in scene.probes.items()
+        }
+
+
+def jacobian_change(scene: Scene) -> float:
+    """How much the mean true Jacobian changes from the circle to the face, in the unit metric of touching."""
+    seen, touching = scene.truth["on_circle"].mean(0), scene.truth["on_face"].mean(0)
+    return metrics.pooled_relative_error(touching[None], seen[None], scene.excitation.metric)
+
+
+def _closed_loop(body: Embodiment) -> Float[torch.Tensor, "time p"]:
+    """Postures over the landmarks of the face and back to the first: each place has one posture, so the loop closes."""
+    stops = [*simulate.TOUR, simulate.TOUR[0]]
+    path = paths.face_tour(body, landmarks=stops, speed=0.05, sampling=0.1)
+    postures, _ = body.reach(torch.from_numpy(path.centres))
+    return torch.cat([postures, postures[:1]])

@@ -1,0 +1,170 @@
+"""Rays against the primitive shapes of a link, in closed form.
+
+A mesh of a sphere has edges, and ray libraries miss rays on the very edges of a box; a skin laid on the shapes
+themselves has neither fault.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from bodyimage_kin.errors import InvalidGeometry
+from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.transforms import Matrix4
+
+Points = Float[np.ndarray, "count 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """One convex primitive, in its link.
+
+    Attributes:
+        kind: Which one.
+        size: Half extents of a box along x, y, z; (radius,) of a sphere; (radius, half length along z) of a cylinder
+            [m].
+        link_T_shape: Where it is in the link.
+    """
+
+    kind: Literal["sphere", "box", "cylinder"]
+    size: tuple[float, ...]
+    link_T_shape: Matrix4
+
+    def crossing(
+        self, origins: Points, directions: Points
+    ) -> tuple[Float[np.ndarray, "count"], Float[np.ndarray, "count"]]:
+        """Where the lines ``origin + t * direction`` enter and leave the shape, in units of ``direction``.
+
+        Returns:
+            t of entry and of exit; inf and -inf for a line that misses.
+        """
+        rotation, position = self.link_T_shape[:3, :3], self.link_T_shape[:3, 3]
+        o, d = (origins - position) @ rotation, directions @ rotation
+        if self.kind == "sphere":
+            return _round(o, d, self.size[0])
+        if self.kind == "box":
+            return _common([_slab(o[:, axis], d[:, axis], self.size[axis]) for axis in range(3)])
+        return _common([_round(o[:, :2], d[:, :2], self.size[0]), _slab(o[:, 2], d[:, 2], self.size[1])])
+
+    def normals(self, points: Points) -> Points:
+        """Outward unit normals at points of the surface, all in the link."""
+        rotation, position = self.link_T_shape[:3, :3], self.link_T_shape[:3, 3]
+        p = (points - position) @ rotation
+        if self.kind == "sphere":
+            normal = p / self.size[0]
+        elif self.kind == "box":
+            closeness = np.abs(p) / np.asarray(self.size)
+            normal = np.eye(3)[closeness.argmax(axis=1)] * np.sign(p)
+        else:
+            around = np.concatenate([p[:, :2] / self.size[0], np.zeros((len(p), 1))], axis=1)
+            cap = np.array([0.0, 0.0, 1.0]) * np.sign(p[:, 2:])
+            on_cap = np.abs(p[:, 2]) / self.size[1] > np.linalg.norm(p[:, :2], axis=1) / self.size[0]
+            normal = np.where(on_cap[:, None], cap, around)
+        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        return np.asarray(normal @ rotation.T)
+
+
+def collision_shapes(robot: Robot, link: str) -> tuple[Shape, ...]:
+    """The collision shapes of a link, as the robot's source describes them.
+
+    Raises:
+        UnknownName: No such link.
+        InvalidGeometry: No collision shape, or one that is no box, cylinder or sphere.
+    """
+    robot.check_link(link)
+    shapes = []
+    for collision in _read_link(robot, link).collisions:
+        geometry = collision.geometry
+        place = np.eye(4) if collision.origin is None else np.asarray(collision.origin, dtype=float)
+        if geometry.sphere is not None:
+            shapes.append(Shape("sphere", (float(geometry.sphere.radius),), place))
+        elif geometry.box is not None:
+            shapes.append(Shape("box", tuple(float(side) / 2 for side in geometry.box.size), place))
+        elif geometry.cylinder is not None:
+            cylinder = geometry.cylinder
+            shapes.append(Shape("cylinder", (float(cylinder.radius), float(cylinder.length) / 2), place))
+        else:
+            raise InvalidGeometry(f"link '{link}': a skin needs collision shapes that are boxes, cylinders or spheres")
+    if not shapes:
+        raise InvalidGeometry(f"link '{link}' has no collision shape; a skin needs one to lie on")
+    return tuple(shapes)
+
+
+def cast(shapes: tuple[Shape, ...], origins: Points, directions: Points) -> tuple[Points, Points]:
+    """Where rays first meet one of the shapes from outside.
+
+    Returns:
+        Points and outward unit normals, in the link; NaN where a ray meets nothing.
+    """
+    nearest = np.full(len(origins), np.inf)
+    points, normals = np.full_like(origins, np.nan), np.full_like(origins, np.nan)
+    for shape in shapes:
+        enter, leave = shape.crossing(origins, directions)
+        first = (enter <= leave) & (enter >= 0.0) & (enter < nearest)
+        if first.any():
+            nearest[first] = enter[first]
+            points[first] = origins[first] + enter[first, None] * directions[first]
+            normals[first] = shape.normals(points[first])
+    return points, normals
+
+
+def blocked(shapes: tuple[Shape, ...], starts: Points, ends: Points) -> Bool[np.ndarray, "count"]:
+    """Whether the segment between two points passes through more than a micrometre of a shape."""
+    through = np.zeros(len(starts), dtype=bool)
+    lengths = np.linalg.norm(ends - starts, axis=1)
+    for shape in shapes:
+        enter, leave = shape.crossing(starts, ends - starts)
+        inside = np.maximum(np.minimum(leave, 1.0) - np.maximum(enter, 0.0), 0.0)
+        through |= inside * lengths > 1e-6
+    return through
+
+
+def _read_link(robot: Robot, link: str) -> "yourdfpy.Link":  # type: ignore[name-defined]
+    import yourdfpy
+
+    # It logs every mesh it is told not to load.
+    logging.getLogger("yourdfpy").setLevel(logging.ERROR)
+    model = yourdfpy.URDF.load(
+        io.BytesIO(robot.source), build_scene_graph=False, load_meshes=False, load_collision_meshes=False
+    )
+    return model.link_map[link]
+
+
+def _round(
+    o: Float[np.ndarray, "count d"], d: Float[np.ndarray, "count d"], radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Entry and exit of a ball (or disc) about zero."""
+    a, b, c = (d * d).sum(1), (o * d).sum(1), (o * o).sum(1) - radius**2
+    root = b * b - a * c
+    moving = a > 0.0
+    reach = np.sqrt(np.maximum(root, 0.0))
+    safe = np.where(moving, a, 1.0)
+    hit = np.where(moving, root >= 0.0, c <= 0.0)
+    enter = np.where(moving, (-b - reach) / safe, -np.inf)
+    leave = np.where(moving, (-b + reach) / safe, np.inf)
+    return np.where(hit, enter, np.inf), np.where(hit, leave, -np.inf)
+
+
+def _slab(o: Float[np.ndarray, "count"], d: Float[np.ndarray, "count"], half: float) -> tuple[np.ndarray, np.ndarray]:
+    """Entry and exit of the slab between -half and half."""
+    moving = d != 0.0
+    safe = np.where(moving, d, 1.0)
+    one, other = (-half - o) / safe, (half - o) / safe
+    inside = np.abs(o) <= half
+    enter = np.where(moving, np.minimum(one, other), np.where(inside, -np.inf, np.inf))
+    leave = np.where(moving, np.maximum(one, other), np.where(inside, np.inf, -np.inf))
+    return enter, leave
+
+
+def _common(crossings: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Entry and exit of what all have in common."""
+    enter = np.max([enter for enter, _ in crossings], axis=0)
+    leave = np.min([leave for _, leave in crossings], axis=0)
+    missed = enter > leave
+    return np.where(missed, np.inf, enter), np.where(missed, -np.inf, leave)
