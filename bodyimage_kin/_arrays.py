@@ -1,4 +1,8 @@
-"""How the public functions take arrays: tensors, numpy arrays and lists of floats in, checked tensors out."""
+"""The one coercer: tensors, arrays and lists of numbers in, checked float tensors or arrays out.
+
+Whole numbers are numbers: lists and arrays of them become float64. Booleans, text, complex and sparse values are no
+numbers, and are refused with an error that names the thing.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,14 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import torch
+from jaxtyping import Float
 
 from bodyimage_kin.errors import BodyImageKinError, InvalidArray, InvalidPosture
 
 ArrayLike: TypeAlias = Any
-"""A tensor, a numpy array or (nested) lists of floats; what is taken is checked at run time by our own typed errors."""
+"""A tensor, a numpy array, an xarray DataArray or (nested) lists of numbers; checked at run time by our own errors."""
+
+_REMEDY = "give numbers: a tensor, an array or a list"
 
 
 def as_float_tensor(
@@ -18,8 +25,7 @@ def as_float_tensor(
 ) -> torch.Tensor:
     """The values as a float32 or float64 tensor, its gradient kept.
 
-    Tensors and arrays keep their dtype, which must be float32 or float64 (integers are refused: they are mostly a
-    mistake, and would not carry a gradient). Lists become float64.
+    float32 and float64 keep their dtype; float16, whole numbers and lists become float64.
 
     Args:
         values: Tensor, array or nested lists of numbers, of any shape.
@@ -27,31 +33,59 @@ def as_float_tensor(
         error: Class of the error.
 
     Raises:
-        error: For another dtype, or something that is no array at all.
+        error: Booleans, text, complex or sparse values, or something that is no array at all.
     """
     if isinstance(values, torch.Tensor):
-        tensor = values
-    elif isinstance(values, np.ndarray):
-        if values.dtype not in (np.float32, np.float64):
-            raise error(f"{what} has dtype {values.dtype}; give float64 (or float32)")
-        if not values.flags.writeable or any(stride < 0 for stride in values.strides):
-            values = values.copy()
-        tensor = torch.from_numpy(values)
-    else:
-        try:
-            tensor = torch.from_numpy(np.asarray(values, dtype=np.float64))
-        except (TypeError, ValueError) as problem:
-            raise error(f"{what} is no array of floats ({problem}); give a tensor, an array or a list") from None
-    if tensor.dtype not in (torch.float32, torch.float64):
-        raise error(f"{what} has dtype {str(tensor.dtype).removeprefix('torch.')}; give float64 (or float32)")
-    return tensor
+        if values.layout != torch.strided:
+            raise error(f"{what} is a sparse tensor ({values.layout}); give a dense one: .to_dense()")
+        if values.dtype in (torch.float32, torch.float64):
+            return values
+        if values.dtype == torch.bool or values.is_complex() or values.is_quantized:
+            raise error(f"{what} holds {str(values.dtype).removeprefix('torch.')}, not numbers; {_REMEDY}")
+        return values.to(torch.float64)
+    array = _numbers(values, what, error)
+    if array.dtype not in (np.float32, np.float64):
+        array = array.astype(np.float64)
+    if not array.flags.writeable or any(stride < 0 for stride in array.strides) or not array.dtype.isnative:
+        array = array.astype(array.dtype.newbyteorder("="))
+    return torch.from_numpy(array)
+
+
+def as_float_array(
+    values: ArrayLike,
+    what: str = "array",
+    *,
+    ndim: int = 0,
+    shapes: tuple[tuple[int, ...], ...] = (),
+    error: type[BodyImageKinError] = InvalidArray,
+) -> Float[np.ndarray, "..."]:
+    """The values as a float64 numpy array without a gradient (a copy only where needed).
+
+    Args:
+        values: Tensor, array, DataArray or nested lists of numbers.
+        what: Its name in an error.
+        ndim: Least number of axes; none of the last ``ndim`` may be empty.
+        shapes: Shapes that are accepted; none: every shape.
+        error: Class of the error.
+
+    Raises:
+        error: No numbers, or of another shape.
+    """
+    if isinstance(values, torch.Tensor):
+        values = as_float_tensor(values, what, error).detach().cpu().numpy()
+    array = _numbers(values, what, error).astype(np.float64, copy=False)
+    if array.ndim < ndim or 0 in array.shape[array.ndim - ndim :]:
+        raise error(f"{what} has shape {array.shape}; it needs at least {ndim} axes, the last {ndim} not empty")
+    if shapes and array.shape not in shapes:
+        raise error(f"{what} has shape {array.shape}; give {' or '.join(map(str, shapes))}")
+    return array
 
 
 def as_postures(q: ArrayLike, n: int, what: str = "posture q") -> torch.Tensor:
     """Postures as a tensor ``(*batch, n)``; finiteness is checked where they are used.
 
     Raises:
-        InvalidPosture: Not a float array, or a last axis that is not of length n (it is never broadcast).
+        InvalidPosture: No numbers, or a last axis that is not of length n (it is never broadcast).
     """
     tensor = as_float_tensor(q, what, InvalidPosture)
     if tensor.ndim == 0 or tensor.shape[-1] != n:
@@ -69,4 +103,19 @@ def refuse_not_finite(q: torch.Tensor, what: str = "posture q") -> None:
 
 def to_numpy(values: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
     """The values as a float64 numpy array without a gradient (a copy only where needed)."""
-    return as_float_tensor(values).detach().cpu().numpy().astype(np.float64, copy=False)
+    return as_float_array(values)
+
+
+def _numbers(values: ArrayLike, what: str, error: type[BodyImageKinError]) -> np.ndarray[Any, Any]:
+    """As a numpy array of real numbers."""
+    try:
+        array = np.asarray(values)
+        if array.dtype == object:
+            # Lists of tensors, and what else numpy only wraps.
+            array = np.asarray([as_float_array(item, what, error=error) for item in values])
+    except (TypeError, ValueError, RuntimeError) as problem:
+        said = str(problem).splitlines()[0] if str(problem) else type(problem).__name__
+        raise error(f"{what} is no array of numbers ({said}); {_REMEDY}") from None
+    if array.dtype.kind not in "fiu":
+        raise error(f"{what} holds {array.dtype}, not numbers; {_REMEDY}")
+    return array

@@ -18,6 +18,7 @@ from bodyimage_kin.body.embodiment import Embodiment, Hand
 from bodyimage_kin.body.skin import Patch, Skin
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.robot import Robot, transforms
+from bodyimage_kin.robot.shapes import collision_shapes
 
 _PACKAGE = Path(__file__).parents[1]
 
