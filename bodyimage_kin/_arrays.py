@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from bodyimage_kin.errors import BodyImageKinError, InvalidArray, InvalidPosture
 
@@ -106,12 +106,14 @@ def to_numpy(values: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
     return as_float_array(values)
 
 
-def _numbers(values: ArrayLike, what: str, error: type[BodyImageKinError]) -> np.ndarray[Any, Any]:
+def _numbers(values: ArrayLike, what: str, error: type[BodyImageKinError]) -> Shaped[np.ndarray, "..."]:
     """As a numpy array of real numbers."""
     try:
         array = np.asarray(values)
         if array.dtype == object:
-            # Lists of tensors, and what else numpy only wraps.
+            if not isinstance(values, list | tuple):
+                raise TypeError(f"it is {type(values).__name__}")
+            # A list of tensors: numpy only wraps them.
             array = np.asarray([as_float_array(item, what, error=error) for item in values])
     except (TypeError, ValueError, RuntimeError) as problem:
         said = str(problem).splitlines()[0] if str(problem) else type(problem).__name__

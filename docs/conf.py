@@ -90,7 +90,7 @@ def _reexported(package: str) -> list[str]:
 
 
 # Packages re-export as `from module import Name as Name`; autodoc takes imported names from `__all__` alone.
-for _package in ("backends", "bench", "body_image", "estimators", "metrics", "recordings", "study", "testing"):
+for _package in ("backends", "body", "body_image", "estimators", "metrics", "recordings", "study", "testing"):
     _module = importlib.import_module(f"bodyimage_kin.{_package}")
     _module.__all__ = _reexported(f"bodyimage_kin.{_package}")
 

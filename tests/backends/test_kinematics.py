@@ -292,19 +292,33 @@ BAD_POSTURES = {
     "infinite": ([0.0, math.inf, 0.0, 0.0], "NaN or infinite"),
     "both infinities": ([math.inf, -math.inf, 0.0, 0.0], "NaN or infinite"),
     "huge and infinite": ([1e308, 1e308, -math.inf, 0.0], "NaN or infinite"),
-    "integers": (torch.zeros(4, dtype=torch.int64), "dtype int64; give float64"),
-    "integer array": (np.zeros(4, dtype=np.int32), "dtype int32; give float64"),
-    "complex": (torch.zeros(4, dtype=torch.complex128), "dtype complex128"),
-    "complex array": (np.zeros(4, dtype=np.complex128), "dtype complex128"),
-    "complex list": ([1j] * 4, "no array of floats"),
-    "bool": (torch.zeros(4, dtype=torch.bool), "dtype bool"),
-    "half": (torch.zeros(4, dtype=torch.float16), "dtype float16"),
-    "text": ("0 0 0 0", "no array of floats"),
-    "texts": (["a", "b", "c", "d"], "no array of floats"),
-    "ragged": ([[0.0] * 4, [0.0] * 3], "no array of floats"),
-    "nothing": (None, "posture q"),
-    "a mapping": ({"zulu": 1.0}, "no array of floats"),
+    "complex": (torch.zeros(4, dtype=torch.complex128), "holds complex128, not numbers"),
+    "complex array": (np.zeros(4, dtype=np.complex128), "holds complex128, not numbers"),
+    "complex list": ([1j] * 4, "holds complex128, not numbers"),
+    "bool": (torch.zeros(4, dtype=torch.bool), "holds bool, not numbers"),
+    "bools": ([True] * 4, "holds bool, not numbers"),
+    "sparse": (torch.eye(4).to_sparse(), "sparse tensor"),
+    "text": ("0 0 0 0", "not numbers"),
+    "texts": (["a", "b", "c", "d"], "not numbers"),
+    "ragged": ([[0.0] * 4, [0.0] * 3], "no array of numbers"),
+    "nothing": (None, "no array of numbers"),
+    "a mapping": ({"zulu": 1.0}, "no array of numbers"),
 }
+
+WHOLE_NUMBERS = {
+    "list": [0, 1, 0, 1],
+    "integers": torch.tensor([0, 1, 0, 1]),
+    "integer array": np.array([0, 1, 0, 1], dtype=np.int32),
+    "half": torch.tensor([0, 1, 0, 1], dtype=torch.float16),
+}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("q", WHOLE_NUMBERS.values(), ids=WHOLE_NUMBERS)
+def test_whole_numbers_are_numbers(backend, q):
+    kin = bk.kinematics(tricky(), backend)
+    link = kin.robot.link_names[-1]
+    assert torch.equal(kin.pose(q, link), kin.pose([0.0, 1.0, 0.0, 1.0], link))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

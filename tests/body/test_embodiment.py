@@ -179,7 +179,7 @@ def test_a_full_posture_leaves_the_rest_at_home(body):
     assert torch.equal(body.full_posture(body.felt_home), body.home)
 
 
-@pytest.mark.parametrize("q", [[0.0] * 4, [0.0] * 25, torch.zeros(5, dtype=torch.int64), [math.nan] * 5, "left", None])
+@pytest.mark.parametrize("q", [[0.0] * 4, [0.0] * 25, torch.zeros(5, dtype=torch.bool), [math.nan] * 5, "left", None])
 def test_bad_postures_are_refused(body, q):
     for function in (body.hand_image, body.hand_image_jacobian, body.visible, body.hand_in_skin):
         with pytest.raises(InvalidPosture):
