@@ -34,7 +34,7 @@ def named_class(kind: str, place: str, methods: Sequence[str], folder: Path | No
     folders = [Path.cwd()] if folder is None else [folder.absolute(), Path.cwd()]
     _find(root, folders)
     try:
-        found = importlib.import_module(module)
+        found: Any = importlib.import_module(module)
     except ModuleNotFoundError as problem:
         if problem.name is None or not f"{module}.".startswith(f"{problem.name}."):
             raise InvalidConfig(f"cannot load {kind} {place!r}: importing {module} fails: {problem}") from problem
