@@ -8,7 +8,11 @@ import sys
 from pathlib import Path
 
 CONFTEST = Path(__file__).parent / "conftest.py"
-CODE = "def test_of_data(real_data, request):\n    assert request.node.get_closest_marker('real_data')\n    print(real_data)\n"
+CODE = """
+def test_of_data(real_data, request):
+    assert request.node.get_closest_marker("real_data")
+    print(real_data)
+"""
 
 
 def outcome(folder: str | None, tmp_path: Path) -> str:
