@@ -94,7 +94,7 @@ class Chain(Kept):
             signs[:, None] * matrix[rows],
             signs * constant[rows],
             torch.tensor([joint.kind != "prismatic" for joint, _, _ in ways]),
-            body.camera.screen_distance,
+            body.camera.screen.distance,
         )
 
     def with_geometry(self, parameters: Float[Tensor, "parameters"]) -> Chain:
