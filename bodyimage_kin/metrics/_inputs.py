@@ -108,12 +108,6 @@ def power_of_two(array: Floats) -> tuple[Floats, int]:
     return (array if power == 0 else np.ldexp(array, -int(power))), int(power)
 
 
-def of_one_scale(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Both over the power of two that makes the largest entry of the first about one."""
-    _, power = power_of_two(first)
-    return (first, second) if power == 0 else (np.ldexp(first, -power), np.ldexp(second, -power))
-
-
 def ratio(numerator: ArrayInput, denominator: ArrayInput) -> Floats:
     """Their quotient, NaN where the denominator is zero or either is NaN."""
     top, bottom = np.broadcast_arrays(

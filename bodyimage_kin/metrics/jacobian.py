@@ -17,7 +17,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.metrics._inputs import ArrayInput, Metric, as_pair, metric_root, of_one_scale, power_of_two, ratio
+from bodyimage_kin.metrics._inputs import ArrayInput, Metric, as_pair, metric_root, power_of_two, ratio
 from bodyimage_kin.metrics._postures import SCORES, chunks, per_posture
 
 
@@ -250,11 +250,15 @@ def pooled_relative_error(true: ArrayInput, estimated: ArrayInput, metric: Metri
     """
     J, Jh = as_pair(true, estimated, ("true", "estimated"), ndim=2)
     root = metric_root(metric, J.shape[-1])
-    J, Jh = of_one_scale(J, Jh)
+    # Entries near one, so that no square overflows or vanishes; powers of two lose no digit.
+    (J, power), (Jh, estimated_power) = power_of_two(J), power_of_two(Jh)
+    most = max(power, estimated_power)
+    shrink, estimated_shrink = np.ldexp(1.0, [power - most, estimated_power - most])
     error = size = 0.0
     for _, pairs in chunks(J, Jh, root):
-        error, size = error + float(((pairs.Jh - pairs.J) ** 2).sum()), size + float((pairs.J**2).sum())
-    return float(np.sqrt(ratio(error, size)))
+        error += float(((estimated_shrink * pairs.Jh - shrink * pairs.J) ** 2).sum())
+        size += float((pairs.J**2).sum())
+    return float(np.ldexp(np.sqrt(ratio(error, size)), most - power))
 
 
 @np.errstate(all="ignore")
