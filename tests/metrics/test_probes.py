@@ -37,7 +37,7 @@ def test_joint_space_is_the_same_for_every_recording(body, circle, touch):
     q = probe.postures(body, circle)
     assert torch.equal(q, probe.postures(body, touch))
     assert q.shape == (50, 5)
-    assert (body.hand_in_camera(q)[:, 2] >= body.camera.near).all()
+    assert (body.hand_in_camera(q)[:, 2] >= body.camera.screen.near).all()
     assert not torch.equal(q, probes.JointSpace(50, seed=6).postures(body, circle))
 
 

@@ -471,7 +471,7 @@ def test_all_predictors_say_what_they_assume(body):
         (lambda b, c, t: fk.Known.of(c, np.zeros(5), LeastSquares()), InvalidPosture, "in order"),
         (lambda b, c, t: fk.Known.of(c, t.q.values, "LeastSquares"), InvalidConfig, "an estimator"),
         (lambda b, c, t: fk.Known.of(c, t.q.values, LeastSquares(), most=0), InvalidConfig, "most=0"),
-        (lambda b, c, t: fk.MeanPostureDistance("inch"), InvalidConfig, "'radian' or 'seen'"),
+        (lambda b, c, t: fk.MeanPostureDistance("inch"), InvalidConfig, "'radian', 'seen'"),
         (lambda b, c, t: fk.GaussianProcessPosterior(draws=0), InvalidConfig, "draws=0"),
         (lambda b, c, t: fk.GaussianProcessPosterior("cubic"), InvalidConfig, "kernel='cubic'"),
         (lambda b, c, t: fk.PerturbedArms(b, arms=0), InvalidConfig, "arms=0"),
