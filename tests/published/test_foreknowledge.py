@@ -93,7 +93,7 @@ def test_postures_are_spread_over_the_touch_motion_and_its_padding_left_out(circ
     one, other = (fk.Known.of(circle, q, LeastSquares(), most=11) for q in (touch.q.values, padded))
     torch.testing.assert_close(one.postures, other.postures, rtol=0, atol=0)
     np.testing.assert_array_equal(one.samples, np.linspace(0, touch.sizes["time"] - 1, 11).round())
-    np.testing.assert_allclose(one.metric, bk.metrics.unit_metric("use", dq=np.diff(touch.q.values, axis=1)))
+    np.testing.assert_allclose(one.metric, bk.metrics.motion_metric(touch))
     np.testing.assert_array_equal(one.metric, other.metric)
 
 

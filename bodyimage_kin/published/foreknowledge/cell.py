@@ -180,7 +180,7 @@ def _measure(
     body: Embodiment, known: Known, true_q: Float[np.ndarray, "trial time p"]
 ) -> tuple[float, float, Float[np.ndarray, "postures"]]:
     """The error on the face, over the touch motion, and at each of its postures that predictors were asked of."""
-    metric = metrics.unit_metric("use", dq=np.diff(true_q, axis=1))
+    metric = metrics.motion_metric(np.diff(true_q, axis=1), "true")
     touching = torch.from_numpy(true_q.reshape(-1, body.p)[known.samples])
     face = body.touch_postures(np.arange(body.require_skin().count))
     pairs = [

@@ -85,8 +85,8 @@ class Known:
 
     @cached_property
     def metric(self) -> Float[np.ndarray, "p p"]:
-        """The unit metric of the touch motion as it is felt [rad^2]."""
-        return metrics.unit_metric("use", dq=self.steps)
+        """The metric of the touch motion as it is felt [rad^2]."""
+        return metrics.motion_metric(self.steps)
 
     @cached_property
     def seen_postures(self) -> Float[np.ndarray, "samples p"]:
