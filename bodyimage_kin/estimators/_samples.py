@@ -40,7 +40,7 @@ def samples(exp: xr.Dataset) -> Samples:
     if not felt.any():
         raise InvalidRecording(
             "the hand is never seen in the experience; learn from a recording with the hand in view, such as "
-            "simulate.circle"
+            "a bk.motions.Circle"
         )
     q, image = q[felt].astype(np.float64), image[felt].astype(np.float64)
     if not np.ptp(q, axis=0).any():

@@ -61,7 +61,7 @@ def pairs(exp: xr.Dataset) -> Pairs:
     if not step.any():
         raise InvalidRecording(
             "the experience has no two successive samples in which the hand is seen; "
-            "learn from a recording with the hand in view, such as simulate.circle"
+            "learn from a recording with the hand in view, such as a bk.motions.Circle"
         )
     dq = np.diff(q, axis=1)[step]
     if not dq.any():
