@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.body_image import integrate as integrate
     from bodyimage_kin.errors import BodyImageKinError as BodyImageKinError
     from bodyimage_kin.estimators import load_learned as load_learned
+    from bodyimage_kin.metrics import probes as probes
     from bodyimage_kin.recordings import Drag as Drag
     from bodyimage_kin.recordings import Noise as Noise
     from bodyimage_kin.recordings import experience as experience
@@ -64,6 +65,7 @@ _MODULES = {
     "estimators": "bodyimage_kin.estimators",
     "metrics": "bodyimage_kin.metrics",
     "motions": "bodyimage_kin.recordings.motions",
+    "probes": "bodyimage_kin.metrics.probes",
     "report": "bodyimage_kin.report",
 }
 

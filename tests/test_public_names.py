@@ -12,7 +12,7 @@ import bodyimage_kin as bk
 NAMES = (
     "BodyImage", "Drag", "Embodiment", "Kinematics", "Noise", "Robot", "backends", "embodiments", "errors",
     "estimators", "experience", "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "motions",
-    "read_recording", "report", "simulate", "write_recording",
+    "probes", "read_recording", "report", "simulate", "write_recording",
 )  # fmt: skip
 METHODS = {
     "Robot": "from_urdf name root link_names joint_names lower upper sample subtree to_urdf sha256",
@@ -21,7 +21,8 @@ METHODS = {
     "  touch_postures full_posture hand_image hand_image_jacobian",
     "motions": "Circle FaceTour Motion Path RandomTouch",
     "BodyImage": "learn",
-    "metrics": "jacobian_errors",
+    "metrics": "jacobian_errors attribute excitation motion_metric depth_ratio",
+    "probes": "Probe Training Face JointSpace",
     "estimators": "names LeastSquares PaperMLP Analytic",
 }
 

@@ -162,7 +162,7 @@ class _Controls:
     def __init__(self, body: Embodiment, course: Course, settings: Drag, steps: int, torque: float, hold: int) -> None:
         targets = course.centres
         if course.press:
-            _, normals, _ = nearest_on_shapes(body.skin.shapes, targets)
+            _, normals, _ = nearest_on_shapes(body.require_skin().shapes, targets)
             targets = targets - settings.press * normals
         velocity = np.gradient(targets, settings.step, axis=0) if len(targets) > 1 else np.zeros_like(targets)
         # MuJoCo's force is k (control - x) - d v.

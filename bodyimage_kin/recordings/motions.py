@@ -113,8 +113,9 @@ class Circle(Motion):
 
     def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
         """The circles, from a random phase."""
-        patch = body.skin.patch
-        middle = (body.skin.shape[0] // 2) * body.skin.shape[1] + body.skin.shape[1] // 2
+        skin = body.require_skin()
+        patch = skin.patch
+        middle = (skin.shape[0] // 2) * skin.shape[1] + skin.shape[1] // 2
         centre = body.touch_centres([middle], self.distance)[0].numpy()
         way = 2 * np.pi * self.turns
         duration = way * self.radius / self.speed
@@ -158,10 +159,11 @@ class FaceTour(Motion):
         Raises:
             UnknownName: A landmark the skin does not have.
         """
+        skin = body.require_skin()
         for name in self.landmarks:
-            if name not in body.skin.landmarks:
-                raise UnknownName("landmark", name, body.skin.landmarks)
-        stops = body.skin.coordinates(np.array([body.skin.landmarks[name] for name in self.landmarks]))
+            if name not in skin.landmarks:
+                raise UnknownName("landmark", name, skin.landmarks)
+        stops = skin.coordinates(np.array([skin.landmarks[name] for name in self.landmarks]))
         timeline = Timeline(body, self.speed)
         for start, end in itertools.pairwise(stops):
             timeline.stroke(start, end, lambda s: 10 * s**3 - 15 * s**4 + 6 * s**5)
@@ -195,7 +197,8 @@ class RandomTouch(Motion):
 
     def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
         """Strokes between random taxels."""
-        reference = body.skin.coordinates(np.array([body.skin.reference]))[0]
+        skin = body.require_skin()
+        reference = skin.coordinates(np.array([skin.reference]))[0]
         timeline = Timeline(body, self.speed)
         timeline.rest(reference, self.rest)
         here, next_reset = reference, self.reset_interval
@@ -206,7 +209,7 @@ class RandomTouch(Motion):
                 here = reference
                 next_reset += self.reset_interval * max(1, np.ceil((timeline.clock - next_reset) / self.reset_interval))
                 continue
-            target = body.skin.coordinates(rng.integers(body.skin.count, size=1))[0]
+            target = skin.coordinates(rng.integers(skin.count, size=1))[0]
             timeline.stroke(here, target)
             here = target
         return timeline.sampled(sampling, self.duration - sampling / 2)

@@ -82,7 +82,7 @@ class Timeline:
 
     def centres(self, coordinates: Coordinates) -> Float[np.ndarray, "count 3"]:
         """Centres of a hand that touches the skin at these coordinates."""
-        points, normals = self.body.skin.surface(coordinates)
+        points, normals = self.body.require_skin().surface(coordinates)
         return points + self.body.hand.radius * normals
 
     def sampled(self, sampling: float, end: float) -> Path:

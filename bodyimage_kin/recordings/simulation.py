@@ -189,7 +189,7 @@ def _lead(asked: _Asked, streams: Sequence[Stream]) -> list[_Moved]:
         q = follow(body, way.centres, _rest(asked, stream), float(pull))
         with torch.no_grad():
             in_skin = body.hand_in_skin(torch.from_numpy(q)).numpy()
-        moved.append(_Moved(q, way.resting, _look(asked, q), body.skin.touched(in_skin, body.hand.radius)))
+        moved.append(_Moved(q, way.resting, _look(asked, q), body.require_skin().touched(in_skin, body.hand.radius)))
     return moved
 
 
@@ -212,8 +212,8 @@ def _drag(asked: _Asked, settings: Drag, streams: Sequence[Stream], threads: int
     for way, q in zip(ways, dragged, strict=True):
         with torch.no_grad():
             in_skin = body.hand_in_skin(torch.from_numpy(q)).numpy()
-        contacts = find_contacts(body.skin, in_skin, body.hand.radius, settings.tolerance)
-        taxel = touched_taxels(body.skin, contacts)
+        contacts = find_contacts(body.require_skin(), in_skin, body.hand.radius, settings.tolerance)
+        taxel = touched_taxels(body.require_skin(), contacts)
         moved.append(_Moved(q, way.resting[::every], body.visible(q).numpy(), taxel))
     return moved
 
@@ -273,7 +273,7 @@ def _note(asked: _Asked, seed: int, streams: Sequence[Stream], moved: Sequence[_
         silent = for_silence.random(len(one.q)) < asked.motion.silence
         taxel[trial, here] = np.where(silent, -1, one.taxel)
     with torch.no_grad():
-        reference_image = body.hand_image(body.touch_postures([body.skin.reference]))[0].numpy()
+        reference_image = body.hand_image(body.touch_postures([body.require_skin().reference]))[0].numpy()
     return make_recording(
         body,
         q=q,

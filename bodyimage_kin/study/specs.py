@@ -7,7 +7,6 @@ that a result says all of how it came about.
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import inspect
 import math
 import re
@@ -15,7 +14,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
 from bodyimage_kin import estimators
+from bodyimage_kin._named import named_class
 from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import Drag, Noise, motions
 
 Table: TypeAlias = dict[str, Any]
@@ -109,6 +110,24 @@ def motion_arguments(kind: str, settings: Table) -> dict[str, Any]:
     }
 
 
+def build_probe(table: Table) -> probes.Probe:
+    """The probe that a table describes.
+
+    Raises:
+        InvalidConfig: A setting out of its range.
+    """
+    ((kind, settings),) = table.items()
+    classes: dict[str, Callable[..., probes.Probe]] = {
+        "training": probes.Training,
+        "face": probes.Face,
+        "joint_space": probes.JointSpace,
+    }
+    try:
+        return classes[kind](**settings)
+    except InvalidConfig as problem:
+        raise InvalidConfig(f"probe {kind}: {problem}") from None
+
+
 def probe_table(spec: Any) -> Table:
     """``{KIND: settings}``: ``training`` (its postures), ``face`` (taxels at a distance) or ``joint_space``."""
     if isinstance(spec, str):
@@ -119,11 +138,7 @@ def probe_table(spec: Any) -> Table:
     settings = _table(f"probe {kind}", given)
     _refuse_unknown(f"probe '{kind}'", settings, _PROBE_SETTINGS[kind])
     settings = {**_PROBE_SETTINGS[kind], **settings}
-    for name, value in settings.items():
-        least, whole = (1 if name == "count" else 0), name != "distance"
-        fits = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
-        if not fits or not (least <= value < math.inf):
-            raise InvalidConfig(f"probe {kind}: {name}={value!r}: give a {'whole ' * whole}number of at least {least}")
+    build_probe({kind: settings})
     return {kind: settings}
 
 
@@ -189,14 +204,7 @@ def _class(name: str) -> type[Any]:
         if name not in estimators.names():
             raise UnknownName("estimator", name, (*estimators.names(), "package.module:Class"))
         return getattr(estimators, name)
-    module, _, attribute = name.partition(":")
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as problem:
-        raise InvalidConfig(f"estimator {name}: {problem}") from None
-    if not isinstance(found, type):
-        raise InvalidConfig(f"estimator {name} is no class")
-    return found
+    return named_class("estimator", name, ("fit",))
 
 
 def wants_body(value: Any) -> bool:

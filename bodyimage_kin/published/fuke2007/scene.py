@@ -73,11 +73,14 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
         touch=touch,
         probes=probes,
         truth={probe: body.hand_image_jacobian(q).numpy() for probe, q in probes.items()},
-        excitation=metrics.excitation(_displacements(circle), _displacements(touch)),
-        true_map=body.hand_image(probes["on_face"]).numpy().reshape(*body.skin.shape, body.m),
+        excitation=metrics.excitation(circle, touch),
+        true_map=body.hand_image(probes["on_face"]).numpy().reshape(*body.require_skin().shape, body.m),
         loop=_closed_loop(body),
         lesson=Lesson(
-            experience(touch), body.skin.shape, seen_range(circle), PostureSOM.fit(touching, POSTURE_GRID, seed)
+            experience(touch),
+            body.require_skin().shape,
+            seen_range(circle),
+            PostureSOM.fit(touching, POSTURE_GRID, seed),
         ),
     )
 
@@ -85,7 +88,7 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
 def probe_postures(body: Embodiment, circle: xr.Dataset) -> dict[str, Float[torch.Tensor, "postures p"]]:
     """The posture sets at which Jacobians are scored, :data:`PROBES`."""
     seen = circle["true_q"].values.reshape(-1, body.p)
-    everywhere = np.arange(body.skin.count)
+    everywhere = np.arange(body.require_skin().count)
     return {
         "on_circle": torch.from_numpy(seen[np.isfinite(seen).all(1)]),
         "in_front": body.touch_postures(everywhere, _IN_FRONT),
@@ -93,17 +96,11 @@ def probe_postures(body: Embodiment, circle: xr.Dataset) -> dict[str, Float[torc
     }
 
 
-def _displacements(recording: xr.Dataset) -> Float[np.ndarray, "steps p"]:
-    """Felt displacements of the joints in one sampling step."""
-    steps = np.diff(recording["q"].values, axis=1)
-    return steps.reshape(-1, steps.shape[-1])
-
-
 def depth_scale(scene: Scene) -> float:
     """How much farther the hand was on the circle than it is while touching: what a scaled rival is told."""
     with torch.no_grad():
         depth = scene.body.hand_in_camera(scene.probes["on_circle"])[:, 2]
-    return float(depth.mean()) / scene.body.camera.screen_distance
+    return float(depth.mean()) / scene.body.camera.screen.distance
 
 
 def distances(scene: Scene) -> dict[str, np.ndarray]:
@@ -116,9 +113,9 @@ def distances(scene: Scene) -> dict[str, np.ndarray]:
 
 
 def jacobian_change(scene: Scene) -> float:
-    """How much the mean true Jacobian changes from the circle to the face, in the unit metric of touching."""
+    """How much the mean true Jacobian changes from the circle to the face, in the metric of touching."""
     seen, touching = scene.truth["on_circle"].mean(0), scene.truth["on_face"].mean(0)
-    return metrics.pooled_relative_error(touching[None], seen[None], scene.excitation.metric)
+    return metrics.pooled_relative_error(touching[None], seen[None], scene.excitation.motion_metric)
 
 
 def _closed_loop(body: Embodiment) -> Float[torch.Tensor, "time p"]:
