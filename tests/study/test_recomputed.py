@@ -68,7 +68,7 @@ class Recomputed:
             "on_face": body.touch_postures(everywhere),
         }
         drawn = body.felt_robot.sample(400, seed=0)
-        seen = body.hand_in_camera(drawn)[:, 2] >= body.camera.near
+        seen = body.hand_in_camera(drawn)[:, 2] >= body.camera.screen.near
         self.probes["joint_space"] = drawn[seen][:JOINT_SPACE]
         self.true = {probe: body.hand_image_jacobian(q).numpy() for probe, q in self.probes.items()}
         steps, use = (np.diff(one["true_q"].values[0], axis=0) for one in (self.circle, self.touch))
