@@ -1,9 +1,9 @@
 """How wrong a learned Jacobian is, posture by posture and pooled.
 
-J is the true Jacobian of the hand image, Jh the estimated one, E = Jh - J, all (m, p), ``[unit]`` that of the image. A metric W (p x p) says
-how much each joint motion matters: ``"identity"``, the default of every function here, counts all joints alike; in that
-of a motion (:func:`bodyimage_kin.metrics.motion_metric`) the squared norm of ``Jt = J W^1/2`` is the mean squared image
-displacement that the motion causes. Everything is computed in float64.
+J is the true Jacobian of the hand image, Jh the estimated one, E = Jh - J, all (m, p), ``[unit]`` that of the image. A
+metric W (p x p) says how much each joint motion matters: ``"identity"``, the default of every function here, counts all
+joints alike; in that of a motion (:func:`bodyimage_kin.metrics.motion_metric`) the squared norm of ``Jt = J W^1/2`` is
+the mean squared image displacement that the motion causes. Everything is computed in float64.
 
 Undefined is NaN: a posture with a non-finite entry in J or Jh has NaN in every score, pooled scores leave it out.
 """

@@ -83,8 +83,8 @@ def error_split(
             image are finite to the last before one whose are not.
         true_image: True hand image at these samples, (*batch, time, m) [unit].
         displacement: Predicted displacement, postures and joint displacements (k, p), (k, p) -> (k, m) [unit].
-        estimated_jacobian: Its derivative at ``dq = 0``, (k, p) -> (k, m, p) [unit/rad]. Also asked on the chords; where
-            it is NaN, so is the split.
+        estimated_jacobian: Its derivative at ``dq = 0``, (k, p) -> (k, m, p) [unit/rad]. Also asked on the chords;
+            where it is NaN, so is the split.
         nodes: Gauss-Legendre nodes on each chord (4 on each step). What they miss of a Jacobian that is not smooth goes
             from one part to another, never out of the sum.
 
