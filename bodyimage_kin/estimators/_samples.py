@@ -152,7 +152,7 @@ def pairs(exp: xr.Dataset) -> Pairs:
     if not step.any():
         raise InvalidRecording(
             "the experience has no two successive samples in which the hand is seen; "
-            "learn from a recording with the hand in view, such as simulate.circle"
+            "learn from a recording with the hand in view, such as a bk.motions.Circle"
         )
     dq = np.diff(q, axis=1)[step]
     if not dq.any():
@@ -173,7 +173,7 @@ def samples(exp: xr.Dataset) -> Samples:
     if not felt.any():
         raise InvalidRecording(
             "the hand is never seen in the experience; learn from a recording with the hand in view, such as "
-            "simulate.circle"
+            "a bk.motions.Circle"
         )
     if not np.ptp(q[felt], axis=0).any():
         raise InvalidRecording("no joint moves in the experience, so it teaches no Jacobian; record a motion")
