@@ -28,7 +28,7 @@ def arcs(count: int, folds: int) -> Int[Tensor, "count"]:
 
 def grouped(block: Int[Tensor, "*rows"], folds: int) -> Int[Tensor, "*rows"]:
     """The fold of each row, blocks grouped in the order of their numbers into folds of about equally many."""
-    numbers, place = block.unique(return_inverse=True)
+    numbers, place = torch.unique(block, return_inverse=True)
     return place * min(folds, len(numbers)) // len(numbers)
 
 

@@ -121,8 +121,8 @@ class Pairs:
             if not bool(held.any()):
                 return self, torch.zeros(len(self.dq), dtype=torch.bool)
             learn, judge = edges_of(self.postures.only(~held)), edges_of(self.postures.only(held))
-            both = [torch.cat([getattr(learn, name), getattr(judge, name)]) for name in ("q", "dq", "dr")]
-            return Pairs(*both, self.unit), torch.arange(len(both[0])) >= len(learn.dq)
+            q, dq, dr = (torch.cat([getattr(learn, name), getattr(judge, name)]) for name in ("q", "dq", "dr"))
+            return dataclasses.replace(self, q=q, dq=dq, dr=dr), torch.arange(len(dq)) >= len(learn.dq)
         if self.blocks is not None:
             ends = _hold_out.chosen(_hold_out.grouped(self.blocks, _hold_out.ARCS), share)
             pure = ends[:, 0] == ends[:, 1]
