@@ -12,7 +12,7 @@ from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotVisible
 from bodyimage_kin.estimators import PaperMLP
 from bodyimage_kin.figures import body_figures, style
 from bodyimage_kin.figures.specification import limbs, link_masses, table_1
-from bodyimage_kin.recordings.dynamics import DragSettings
+from bodyimage_kin.recordings import Noise
 
 URDF = Path(__file__).parents[2] / "urdf" / "infant.urdf"
 # Another body: the other arm, its first joint unfelt; the other eye; a smaller, oblong grid; names of its own.
@@ -32,7 +32,8 @@ offset = [0.0, 0.0, 0.0]
 radius = 0.02
 [camera]
 link = "left_eye"
-screen_distance = 0.03
+model = "virtual_screen"
+distance = 0.03
 near = 0.05
 half_angle_degrees = 50.0
 forward = [1.0, 0.0, 0.0]
@@ -221,7 +222,7 @@ def test_the_hand_is_projected_as_the_camera_does(any_body):
     postures = {"one": any_body.felt_home, "two": round_the_screen(any_body)[3]}
     figure = body_figures.virtual_screen(any_body, postures)
     side, above = figure.axes
-    h_z = 1000 * any_body.camera.screen_distance
+    h_z = 1000 * any_body.camera.screen.distance
     for name, q in postures.items():
         image, hand = 1000 * any_body.hand_image(q), 1000 * any_body.hand_in_camera(q)
         for axes, axis in ((side, 1), (above, 0)):
@@ -302,7 +303,7 @@ def test_table_1_says_what_was_run_and_what_the_paper_has():
         screen_distance=0.04,
         quiet=PaperMLP(),
         noisy=PaperMLP(steps=500),
-        noise=DragSettings(torque_variance=0.01),
+        noise=Noise(torque=0.1),
     )
     assert [row.paper for row in rows] == ["40", "0.04 m", "0.2", "200", "10", "0.2", "500", "10", "0.0", "0.01"]
     assert [row.ours.split(" N")[0] for row in rows] == [row.paper for row in rows]
