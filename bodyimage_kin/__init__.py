@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.recordings import experience as experience
     from bodyimage_kin.recordings import motions as motions
     from bodyimage_kin.recordings import read_recording as read_recording
+    from bodyimage_kin.recordings import recording as recording
     from bodyimage_kin.recordings import write_recording as write_recording
     from bodyimage_kin.recordings.simulation import simulate as simulate
     from bodyimage_kin.robot import Robot as Robot
@@ -55,6 +56,7 @@ _EXPORTS = {
     "load_embodiment": "bodyimage_kin.body.file",
     "load_learned": "bodyimage_kin.estimators",
     "read_recording": "bodyimage_kin.recordings",
+    "recording": "bodyimage_kin.recordings",
     "simulate": "bodyimage_kin.recordings",
     "write_recording": "bodyimage_kin.recordings",
 }

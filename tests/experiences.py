@@ -12,7 +12,7 @@ def taught(dq, dr, m=2):
         {
             "q": (("trial", "time", "joint"), q[None]),
             "hand_image": (("trial", "time", "axis"), image[None]),
-            "taxel": (("trial", "time"), np.full((1, len(q)), -1)),
+            "touched": (("trial", "time", "contact"), np.full((1, len(q), 1), -1)),
             "at_reference": (("trial", "time"), np.zeros((1, len(q)), dtype=bool)),
             "reference_image": (("axis",), np.zeros(m)),
         }
