@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from bodyimage_kin import errors as errors
     from bodyimage_kin import estimators as estimators
     from bodyimage_kin import metrics as metrics
+    from bodyimage_kin import recordings as recordings
     from bodyimage_kin import report as report
     from bodyimage_kin.backends import Kinematics as Kinematics
     from bodyimage_kin.backends import RobotKinematics as RobotKinematics
@@ -68,6 +69,7 @@ _MODULES = {
     "metrics": "bodyimage_kin.metrics",
     "motions": "bodyimage_kin.recordings.motions",
     "probes": "bodyimage_kin.metrics.probes",
+    "recordings": "bodyimage_kin.recordings",
     "report": "bodyimage_kin.report",
 }
 

@@ -10,6 +10,7 @@ from bodyimage_kin.recordings.schema import (
     first_taxel,
     is_scattered,
     joint_names,
+    require_aligned,
 )
 from bodyimage_kin.recordings.settings import Drag, Noise
 from bodyimage_kin.recordings.simulation import simulate, simulate_many
@@ -26,6 +27,7 @@ __all__ = [
     "joint_names",
     "read_recording",
     "recording",
+    "require_aligned",
     "simulate",
     "simulate_many",
     "write_recording",

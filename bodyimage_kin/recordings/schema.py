@@ -159,8 +159,7 @@ def check(recording: xr.Dataset) -> xr.Dataset:
     Raises:
         InvalidRecording: Names the variable and what is wrong with it.
     """
-    if not isinstance(recording, xr.Dataset):
-        raise InvalidRecording(f"a recording is an xarray.Dataset, not {type(recording).__name__}")
+    _refuse_other(recording)
     if "q" not in recording.data_vars:
         raise InvalidRecording("the recording has no variable 'q'")
     if not any(name in recording.data_vars for name in OBSERVATIONS):
@@ -182,6 +181,11 @@ def check(recording: xr.Dataset) -> xr.Dataset:
     _checks.choice("order", recording.attrs.get("order", "stream"), ORDERS, error=InvalidRecording)
     _check_coordinates(recording)
     return recording.assign(changed) if changed else recording
+
+
+def _refuse_other(recording: object) -> None:
+    if not isinstance(recording, xr.Dataset):
+        raise InvalidRecording(f"a recording is an xarray.Dataset, not {type(recording).__name__}")
 
 
 def normalised(name: str, values: Shaped[np.ndarray, "..."]) -> Shaped[np.ndarray, "..."]:
@@ -242,7 +246,12 @@ def _check_coordinates(recording: xr.Dataset) -> None:
 
 
 def is_scattered(recording: xr.Dataset) -> bool:
-    """Whether a recording has no order in time."""
+    """Whether a recording has no order in time.
+
+    Raises:
+        InvalidRecording: It is no dataset.
+    """
+    _refuse_other(recording)
     return bool(recording.attrs.get("order") == "scattered")
 
 
@@ -257,7 +266,8 @@ def first_taxel(recording: xr.Dataset, truth: bool = False) -> Int[np.ndarray, "
         InvalidRecording: Nothing is said of touches.
     """
     name = "true_touched" if truth else "touched"
-    if not isinstance(recording, xr.Dataset) or name not in recording:
+    _refuse_other(recording)
+    if name not in recording:
         raise InvalidRecording(f"the recording has no variable '{name}', the taxels that are touched")
     if recording[name].dims != VARIABLES[name] or recording.sizes["contact"] == 0:
         raise InvalidRecording(
@@ -306,6 +316,22 @@ def align(recording: xr.Dataset, body: Embodiment) -> xr.Dataset:
     if names == body.joints:
         return recording
     return recording.isel(joint=[names.index(name) for name in body.joints])
+
+
+def require_aligned(recording: xr.Dataset, body: Embodiment) -> xr.Dataset:
+    """The recording itself, where its joints stand in the order of a body's: what is learned keeps that order.
+
+    Raises:
+        InvalidRecording: They stand in another order; and as :func:`align`.
+        UnknownName: As :func:`align`.
+    """
+    aligned = align(recording, body)
+    if joint_names(aligned) != joint_names(recording):
+        raise InvalidRecording(
+            f"the joints of the recording stand in another order than those of embodiment '{body.name}'; "
+            "put them in its order before anything is learned: recordings.align(recording, body)"
+        )
+    return aligned
 
 
 def _refuse_doubled(names: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import bodyimage_kin as bk
 from bodyimage_kin.body.cameras import Tracker
 from bodyimage_kin.errors import InvalidRecording, UnknownName
+from bodyimage_kin.estimators import nulls
 from bodyimage_kin.recordings import align, canonical_order, check, first_taxel, schema
 
 SAMPLE = ("trial", "time")
@@ -204,3 +205,15 @@ def test_the_canonical_order_forgets_how_rows_were_written_down(seed, tied):
 def test_a_stream_has_an_order_already():
     with pytest.raises(InvalidRecording, match="a stream is ordered in time"):
         canonical_order(least())
+
+
+def test_joints_in_another_order_are_refused_before_anything_is_learned(body, circle):
+    turned = bk.experience(circle.isel(joint=[1, 0, 2, 3, 4]))
+    for spec in (bk.estimators.Analytic(body), bk.estimators.SelfCalibration(body), nulls.Rotated(body)):
+        with pytest.raises(InvalidRecording, match=r"stand in another order .* recordings\.align\(recording, body\)"):
+            spec.fit(turned)
+    for ask in (bk.probes.Training().postures, lambda body, seen: bk.probes.distances(body, seen, [[0.0] * 5])):
+        with pytest.raises(InvalidRecording, match="stand in another order"):
+            ask(body, turned)
+    learned = bk.estimators.Analytic(body).fit(align(turned, body))
+    np.testing.assert_array_equal(learned.jacobian(circle.q.values[0]), body.hand_image_jacobian(circle.q.values[0]))
