@@ -106,14 +106,6 @@ def test_same_seed_same_bits(spec, learned, exp, q):
     assert torch.equal(again.jacobian(q), learned.jacobian(q))
 
 
-def test_nothing_of_the_truth_is_used(spec, learned, circle, q):
-    false = circle.copy(deep=True)
-    for variable in list(false.variables):
-        if str(variable).startswith("true_"):
-            false[variable] = false[variable] * 0
-    assert torch.equal(spec.fit(false, seed=3).jacobian(q), learned.jacobian(q))
-
-
 def test_learning_leaves_the_experience_as_it_was(spec, circle):
     exp = bk.experience(circle).copy(deep=True)
     spec.fit(exp, seed=1)
