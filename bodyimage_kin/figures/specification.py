@@ -7,7 +7,6 @@ settings that were used.
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,9 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from bodyimage_kin.estimators.paper_mlp import PaperMLP
-from bodyimage_kin.recordings.dynamics import DragSettings
+from bodyimage_kin.recordings import Noise
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.robot.transforms import rpy_matrix, transform
 from bodyimage_kin.robot.tree import Joint
 
 
@@ -78,11 +76,7 @@ def limbs(robot: Robot) -> tuple[Limb, ...]:
         """The link and all that is fixed to it, with where each is in the link."""
         found = [(link, np.eye(4))]
         for name, place in found:
-            found += [
-                (joint.child, place @ transform(rpy_matrix(joint.rpy), joint.xyz))
-                for joint in below.get(name, ())
-                if joint.kind == "fixed"
-            ]
+            found += [(joint.child, place @ joint.origin) for joint in below.get(name, ()) if joint.kind == "fixed"]
         return found
 
     def following(link: str) -> list[tuple[Joint, Float[np.ndarray, "3"]]]:
@@ -124,13 +118,7 @@ def limbs(robot: Robot) -> tuple[Limb, ...]:
 
 def link_masses(robot: Robot) -> dict[str, float]:
     """The masses that the URDF gives, by link [kg]."""
-    # The strict reader has refused documents with entities before a Robot exists.
-    masses = {}
-    for link in ElementTree.fromstring(robot.source).iterfind("link"):
-        mass = link.find("inertial/mass")
-        if mass is not None and "value" in mass.attrib:
-            masses[link.attrib["name"]] = float(mass.attrib["value"])
-    return masses
+    return {link: geometry.inertial.mass for link, geometry in robot.geometry.items() if geometry.inertial is not None}
 
 
 class Parameter(NamedTuple):
@@ -153,7 +141,7 @@ def table_1(
     screen_distance: float,
     quiet: PaperMLP | None,
     noisy: PaperMLP | None = None,
-    noise: DragSettings | None = None,
+    noise: Noise | None = None,
 ) -> tuple[Parameter, ...]:
     """The parameters of the experiment beside the paper's (Table 1).
 
@@ -162,7 +150,7 @@ def table_1(
         screen_distance: h_z, ``body.camera.screen.distance`` [m].
         quiet: The network as it learned without noise; None: not run.
         noisy: The network as it learned with noise; None: not run.
-        noise: The drag whose random torque was the noise; None: no noise.
+        noise: Whose random torque disturbed the hand; None: no noise.
 
     Returns:
         Rows in the paper's order.
@@ -181,7 +169,7 @@ def table_1(
             )
         ]
     # The random torque is drawn about zero (bodyimage_kin.recordings.dynamics); the paper gives no unit.
-    variance = _DASH if noise is None else f"{noise.torque_variance:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
+    variance = _DASH if noise is None else f"{noise.torque**2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
     return (
         *rows,
         Parameter("noise: mean of the normal distribution", "0.0", _DASH if noise is None else "0.0"),

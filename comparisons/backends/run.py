@@ -12,6 +12,8 @@ from adapters import LIBRARIES
 from bodyimage_kin.testing.conform import conform
 
 HERE = Path(__file__).parent
+# How frax is called stands beside the measurements of speed.
+sys.path.append(str(HERE.parent / "speed"))
 ON_FILES = (
     *("pose_equals_oracle", "jacobian_equals_oracle", "hessian_equals_differences", "off_path_columns_are_zero"),
     *("mimic_is_multiplier_times_column", "invariant_under_renaming", "invariant_under_explicit_defaults"),
@@ -32,7 +34,8 @@ def main() -> int:
     print(others)
     for name, report in (("random", ours), ("corpus", corpus), ("others", others)):
         (HERE / name / "table.txt").write_text(f"{report}\n", encoding="utf-8")
-    return ours.exit_status or corpus.exit_status
+    # Of the corpus some files are refused, for the reasons in the table.
+    return ours.exit_status or int(bool(corpus.failures))
 
 
 if __name__ == "__main__":
