@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from bodyimage_kin.backends import RobotKinematics as RobotKinematics
     from bodyimage_kin.backends import backends as backends
     from bodyimage_kin.backends import kinematics as kinematics
+    from bodyimage_kin.body import Camera as Camera
+    from bodyimage_kin.body import Hand as Hand
+    from bodyimage_kin.body import Pinhole as Pinhole
+    from bodyimage_kin.body import Stereo as Stereo
+    from bodyimage_kin.body import Tracker as Tracker
+    from bodyimage_kin.body import VirtualScreen as VirtualScreen
     from bodyimage_kin.body.embodiment import Embodiment as Embodiment
     from bodyimage_kin.body.file import embodiments as embodiments
     from bodyimage_kin.body.file import load_embodiment as load_embodiment
@@ -41,13 +47,19 @@ if TYPE_CHECKING:
 _EXPORTS = {
     "BodyImage": "bodyimage_kin.body_image",
     "BodyImageKinError": "bodyimage_kin.errors",
+    "Camera": "bodyimage_kin.body",
     "Drag": "bodyimage_kin.recordings",
     "Embodiment": "bodyimage_kin.body.embodiment",
+    "Hand": "bodyimage_kin.body",
     "Kinematics": "bodyimage_kin.backends",
     "Noise": "bodyimage_kin.recordings",
+    "Pinhole": "bodyimage_kin.body",
     "Robot": "bodyimage_kin.robot",
     "RobotKinematics": "bodyimage_kin.backends",
+    "Stereo": "bodyimage_kin.body",
     "Study": "bodyimage_kin.study",
+    "Tracker": "bodyimage_kin.body",
+    "VirtualScreen": "bodyimage_kin.body",
     "embodiments": "bodyimage_kin.body.file",
     "experience": "bodyimage_kin.recordings",
     "integrate": "bodyimage_kin.body_image",

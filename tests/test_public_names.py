@@ -10,7 +10,7 @@ import pytest
 import bodyimage_kin as bk
 
 NAMES = (
-    "BodyImage", "Drag", "Embodiment", "Kinematics", "Noise", "Robot", "backends", "embodiments", "errors",
+    "BodyImage", "Camera", "Drag", "Embodiment", "Hand", "Kinematics", "Noise", "Pinhole", "Robot", "Stereo", "Tracker", "VirtualScreen", "backends", "embodiments", "errors",
     "estimators", "experience", "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "motions",
     "probes", "read_recording", "report", "simulate", "write_recording",
 )  # fmt: skip
