@@ -8,6 +8,7 @@ from bodyimage_kin.estimators.analytic import Analytic
 from bodyimage_kin.estimators.base import Estimator, Learned, LearnedImage, LearnedJacobian, load_learned
 from bodyimage_kin.estimators.ensemble import Ensemble, EnsembleJacobian
 from bodyimage_kin.estimators.gaussian_process import GaussianProcess, RadialProcess, TrigProcess
+from bodyimage_kin.estimators.given import Given, GivenImage, GivenJacobian, Saved
 from bodyimage_kin.estimators.least_squares import ConstantJacobian, LeastSquares
 from bodyimage_kin.estimators.neighbours import LocallyWeighted, NearestNeighbours, NeighbourJacobian, WeightedJacobian
 from bodyimage_kin.estimators.networks import (
@@ -36,6 +37,9 @@ __all__ = [
     "Estimator",
     "ForwardNetwork",
     "GaussianProcess",
+    "Given",
+    "GivenImage",
+    "GivenJacobian",
     "JacobianNetwork",
     "Kalman",
     "Learned",
@@ -56,6 +60,7 @@ __all__ = [
     "RationalTrig",
     "RecursiveLeastSquares",
     "Ridge",
+    "Saved",
     "SelfCalibration",
     "TrigImage",
     "TrigProcess",
@@ -86,6 +91,8 @@ _SPECS: tuple[type[Estimator], ...] = (
     Ensemble,
     SelfCalibration,
     Analytic,
+    Given,
+    Saved,
 )
 
 
