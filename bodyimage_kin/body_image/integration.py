@@ -23,6 +23,8 @@ from bodyimage_kin.body_image._checks import postures, variable
 from bodyimage_kin.errors import DataWarning, InvalidConfig, InvalidRecording
 from bodyimage_kin.estimators import HasDisplacement
 
+__all__ = ["METHODS", "RESETS", "integrate"]
+
 RESETS = ("reference", "posture_map", "secant", "true", "none")
 METHODS = ("euler", "midpoint")
 PATHS = ("time", "star")

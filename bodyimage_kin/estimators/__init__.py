@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bodyimage_kin.estimators import nulls
-from bodyimage_kin.estimators._samples import Pairs, edges, pairs
+from bodyimage_kin.estimators._samples import Pairs, edges, fold_of_each, pairs
 from bodyimage_kin.estimators.analytic import Analytic
 from bodyimage_kin.estimators.base import (
     Estimator,
@@ -75,6 +75,7 @@ __all__ = [
     "TrigRidge",
     "WeightedJacobian",
     "edges",
+    "fold_of_each",
     "load_learned",
     "names",
     "nulls",
