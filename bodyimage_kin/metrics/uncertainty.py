@@ -264,11 +264,8 @@ def uncertainty_scores(true: ArrayLike, mean: ArrayLike, covariance: ArrayLike) 
     S = _square(covariance)
     surprise = negative_log_likelihood(y, mu, S).ravel()
     known = ~np.isnan(surprise)
-    y, mu, S = (
-        y.reshape(-1, y.shape[-1])[known],
-        mu.reshape(-1, y.shape[-1])[known],
-        S.reshape(-1, *S.shape[-2:])[known],
-    )
+    d = y.shape[-1]
+    y, mu, S = y.reshape(-1, d)[known], mu.reshape(-1, d)[known], S.reshape(-1, d, d)[known]
     variance = np.diagonal(S, axis1=-2, axis2=-1).clip(min=0)
     size = np.linalg.norm(y - mu, axis=-1)
     held = coverage(y, mu, S)
@@ -313,7 +310,7 @@ def _errors(true: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> tuple[Fl
 
 
 def _mahalanobis_squared(e: Floats, values: Floats, vectors: Floats) -> Float[np.ndarray, "*batch"]:
-    """``e' S^-1 e``; infinite where the error has a part, beyond rounding, along a direction predicted without doubt."""
+    """``e' S^-1 e``; infinite where the error has a part along a direction predicted without doubt."""
     along = (vectors.swapaxes(-1, -2) @ np.nan_to_num(e)[..., None])[..., 0] ** 2
     none = along <= _EPS * np.maximum(values[..., -1:], along.max(-1, keepdims=True, initial=0) * _EPS)
     with np.errstate(divide="ignore", invalid="ignore"):
