@@ -232,7 +232,8 @@ def sparsification(error: ArrayLike, doubt: ArrayLike) -> Sparsification:
     if (size[known] < 0).any():
         raise InvalidArray("error has negative entries; give sizes of errors")
     if len(squared) == 0:
-        return Sparsification(*[np.empty(0)] * 3, float("nan"))
+        nothing = np.empty(0)
+        return Sparsification(nothing, nothing, nothing, float("nan"))
     _, group, count = np.unique(order, return_inverse=True, return_counts=True)
     shared = (np.bincount(group, squared) / count)[group]
     curves = []
