@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from bodyimage_kin.backends import RobotKinematics as RobotKinematics
     from bodyimage_kin.backends import backends as backends
     from bodyimage_kin.backends import kinematics as kinematics
+    from bodyimage_kin.body import Camera as Camera
+    from bodyimage_kin.body import Hand as Hand
+    from bodyimage_kin.body import Pinhole as Pinhole
+    from bodyimage_kin.body import Stereo as Stereo
+    from bodyimage_kin.body import Tracker as Tracker
+    from bodyimage_kin.body import VirtualScreen as VirtualScreen
     from bodyimage_kin.body.embodiment import Embodiment as Embodiment
     from bodyimage_kin.body.file import embodiments as embodiments
     from bodyimage_kin.body.file import load_embodiment as load_embodiment
@@ -48,13 +54,19 @@ if TYPE_CHECKING:
 _PUBLIC = {
     "BodyImage": "body_image:BodyImage",
     "BodyImageKinError": "errors:BodyImageKinError",
+    "Camera": "body:Camera",
     "Drag": "recordings:Drag",
     "Embodiment": "body.embodiment:Embodiment",
+    "Hand": "body:Hand",
     "Kinematics": "backends:Kinematics",
     "Noise": "recordings:Noise",
+    "Pinhole": "body:Pinhole",
     "Robot": "robot:Robot",
     "RobotKinematics": "backends:RobotKinematics",
+    "Stereo": "body:Stereo",
     "Study": "study:Study",
+    "Tracker": "body:Tracker",
+    "VirtualScreen": "body:VirtualScreen",
     "backends": "backends",
     "body_image": "body_image",
     "embodiments": "body.file:embodiments",

@@ -12,10 +12,10 @@ import pytest
 import bodyimage_kin as bk
 
 NAMES = (
-    "BodyImage", "Drag", "Embodiment", "Kinematics", "Noise", "Robot", "Study", "backends", "body_image", "embodiments",
-    "errors", "estimators", "experience", "figures", "integrate", "kinematics", "load_embodiment", "load_learned",
-    "metrics", "motions", "probes", "published", "read_recording", "recordings", "report", "simulate", "study",
-    "testing", "write_recording",
+    "BodyImage", "Camera", "Drag", "Embodiment", "Hand", "Kinematics", "Noise", "Pinhole", "Robot", "Stereo", "Study",
+    "Tracker", "VirtualScreen", "backends", "body_image", "embodiments", "errors", "estimators", "experience",
+    "figures", "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "motions", "probes",
+    "published", "read_recording", "recordings", "report", "simulate", "study", "testing", "write_recording",
 )  # fmt: skip
 METHODS = {
     "Robot": "from_urdf name root link_names joint_names lower upper sample subtree to_urdf sha256",
