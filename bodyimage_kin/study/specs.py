@@ -12,12 +12,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import importlib
-import importlib.machinery
 import inspect
 import math
 import re
-import sys
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -29,6 +26,7 @@ import numpy as np
 
 from bodyimage_kin import estimators
 from bodyimage_kin._checks import refuse
+from bodyimage_kin._named import named_class, named_object
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, UnknownName
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import motions
@@ -37,6 +35,7 @@ Table: TypeAlias = dict[str, Any]
 """Text -> what TOML can say."""
 _NONE = "none"
 """How a table says None where that is not the default, as in ``reset_interval = "none"``."""
+_LONGEST = 200
 _DEEPEST = 20
 """Tables within tables: no spec of ours comes near it."""
 
@@ -132,9 +131,11 @@ class Kind:
             if name not in self.classes:
                 raise UnknownName(self.name, _short(name), (*self.classes, "package.module:Class"))
             return self.classes[name]
-        found = imported(self.name, name, folder)
-        if not self.fits(found):
-            raise InvalidConfig(f"{self.name} {_short(name)} is none: give {self.wanted}")
+        if len(name) > _LONGEST:
+            raise InvalidConfig(f"{self.name} {_short(name)!r}: a name has at most {_LONGEST} characters")
+        found = named_class(self.name, name, (self.method,), folder)
+        if not issubclass(found, self.base):
+            raise InvalidConfig(f"{self.name} {name!r} is none: give {self.wanted}")
         return found
 
     def wants_body(self, spec: Any, folder: Path = Path()) -> bool:
@@ -212,24 +213,6 @@ def class_name(cls: type) -> str:
     if cls.__module__ == "__main__" or "<locals>" in cls.__qualname__:
         raise InvalidConfig(f"{cls.__name__} cannot be found by workers; define it at the top of a module they can import")
     return f"{cls.__module__}:{cls.__qualname__}"
-
-
-def imported(kind: str, name: str, folder: Path = Path()) -> Any:
-    """What stands at ``package.module:Name``; its module is imported.
-
-    Raises:
-        InvalidConfig: There is no such thing; names the places where it was looked for.
-    """
-    module, _, attribute = name.partition(":")
-    if not re.fullmatch(r"[\w.]{1,200}:[\w.]{1,200}", name):
-        raise InvalidConfig(f"{kind} {_short(name)!r}: write 'package.module:Name'")
-    try:
-        return functools.reduce(getattr, attribute.split("."), _module(module, folder))
-    except ModuleNotFoundError as problem:
-        where = f"beside the study's file ({folder.absolute()}) and in the current folder ({Path.cwd()})"
-        raise InvalidConfig(f"{kind} {name}: {problem}; it was looked for where Python looks, {where}") from None
-    except Exception as problem:
-        raise InvalidConfig(f"{kind} {name}: {type(problem).__name__}: {_short(problem)}") from None
 
 
 def written(what: str, value: Any) -> Any:
@@ -320,21 +303,6 @@ def _short(value: Any) -> str:
     return said if len(said) <= 120 else said[:117] + "..."
 
 
-def _module(name: str, folder: Path) -> types.ModuleType:
-    top = name.partition(".")[0]
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as problem:
-        if problem.name != top:
-            raise
-        for place in (str(folder.absolute()), str(Path.cwd())):
-            if importlib.machinery.PathFinder.find_spec(top, [place]) is not None:
-                # For good: what it imports from beside itself must be found as well, now or later.
-                sys.path.append(place)
-                return importlib.import_module(name)
-        raise
-
-
 def _made(what: str, cls: type, arguments: Table) -> Any:
     try:
         return cls(**arguments)
@@ -368,7 +336,7 @@ def _built(what: str, value: Any, hint: Any, folder: Path, body: Any) -> Any:
     if ":" in name or any(name in kind.classes for kind in _KINDS):
         # Of a class that is not ours the kind shows only once it is found.
         for kind in _KINDS:
-            if name in kind.classes or (":" in name and kind.fits(imported("spec", name, folder))):
+            if name in kind.classes or (":" in name and kind.fits(named_object("spec", name, folder))):
                 return kind.build(value, folder, body)
         raise InvalidConfig(f"{what}: {_short(name)} is no {', no '.join(kind.name for kind in _KINDS)}")
     if (cls := _only_dataclass(options)) is not None:
