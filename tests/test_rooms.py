@@ -22,8 +22,6 @@ ROOMS = (
 """From left to right: nothing imports anything to its right. ``testing`` stands beside ``backends``."""
 BESIDE = {"testing": "backends"}
 EXCEPTIONS = {
-    ("metrics.probes", "study.specs"),
-    ("published.foreknowledge.evaluate", "metrics._inputs"),
     ("published.foreknowledge.arms", "estimators._chain"),
 }
 """(module, what it imports or reaches into), both without the package's name."""

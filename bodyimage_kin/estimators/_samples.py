@@ -63,7 +63,7 @@ def pairs(exp: xr.Dataset) -> Pairs:
     if not step.any():
         raise InvalidRecording(
             "the experience has no two successive samples in which the hand is seen; "
-            "learn from a recording with the hand in view, such as simulate.circle"
+            "learn from a recording with the hand in view, such as a bk.motions.Circle"
         )
     dq = np.diff(q, axis=1)[step]
     if not dq.any():
@@ -82,7 +82,7 @@ def samples(exp: xr.Dataset) -> Samples:
     if not felt.any():
         raise InvalidRecording(
             "the hand is never seen in the experience; learn from a recording with the hand in view, such as "
-            "simulate.circle"
+            "a bk.motions.Circle"
         )
     q, image = q[felt], image[felt]
     if not np.ptp(q, axis=0).any():
