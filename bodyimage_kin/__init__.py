@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from bodyimage_kin import estimators as estimators
     from bodyimage_kin import metrics as metrics
     from bodyimage_kin import report as report
+    from bodyimage_kin import study as study
     from bodyimage_kin.backends import Kinematics as Kinematics
     from bodyimage_kin.backends import RobotKinematics as RobotKinematics
     from bodyimage_kin.backends import backends as backends
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from bodyimage_kin.recordings.simulation import simulate as simulate
     from bodyimage_kin.robot import Robot as Robot
     from bodyimage_kin.study import Study as Study
+    from bodyimage_kin.study import read_study as read_study
+    from bodyimage_kin.study import score as score
 
 # Public name -> the module that has it.
 _EXPORTS = {
@@ -55,6 +58,8 @@ _EXPORTS = {
     "load_embodiment": "bodyimage_kin.body.file",
     "load_learned": "bodyimage_kin.estimators",
     "read_recording": "bodyimage_kin.recordings",
+    "read_study": "bodyimage_kin.study",
+    "score": "bodyimage_kin.study",
     "simulate": "bodyimage_kin.recordings",
     "write_recording": "bodyimage_kin.recordings",
 }
@@ -67,6 +72,7 @@ _MODULES = {
     "motions": "bodyimage_kin.recordings.motions",
     "probes": "bodyimage_kin.metrics.probes",
     "report": "bodyimage_kin.report",
+    "study": "bodyimage_kin.study",
 }
 
 __all__ = ["__version__", *sorted({*_EXPORTS, *_MODULES})]

@@ -29,7 +29,7 @@ def named_class(kind: str, place: str, methods: Sequence[str], folder: Path | No
     if not fits:
         said = "" if isinstance(found, type) else f" (it is no class but a {type(found).__name__})"
         raise InvalidConfig(f"{kind} {place!r} has no method {' or '.join(methods)}{said}; name a class that has")
-    return found  # type: ignore[no-any-return]
+    return found
 
 
 def named_object(kind: str, place: str, folder: Path | None = None) -> Any:

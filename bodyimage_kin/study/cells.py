@@ -17,18 +17,16 @@ import numpy as np
 import torch
 import xarray as xr
 
-from bodyimage_kin._checks import choice
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import experience, simulate_many
 from bodyimage_kin.recordings.schema import versions
-from bodyimage_kin.study import scores as registry
-from bodyimage_kin.study.context import Context, WrongResult
+from bodyimage_kin.study.context import Context, Score, WrongResult
+from bodyimage_kin.study.facts import SHARED_MAPS
 from bodyimage_kin.study.grid import ROLES, Block, Row, Simulation
-from bodyimage_kin.study.scores import Score
-from bodyimage_kin.study.scoring import built_probe
-from bodyimage_kin.study.specs import ESTIMATOR, MOTION, Table, from_settings
+from bodyimage_kin.study.scoring import built_probe, computed, need_maps, resolve
+from bodyimage_kin.study.specs import ESTIMATOR, MOTION, Table, arguments, from_settings
 from bodyimage_kin.study.store import Part, Store, padded, said
 
 AGAIN = "again"
@@ -49,13 +47,10 @@ def record(block: Block) -> str:
             for role, ones in recordings.items()
         }
         names = list(block.settings["facts"])
-        if registry.need_maps(block.settings["scores"], Path(block.folder)):
-            names += [name for name in registry.SHARED_MAPS if name not in names]
-        facts = [registry.resolve(name, Path(block.folder)) for name in names]
-        found = [
-            registry.computed(_context(block, body, loaded, index, Row(), {}), facts)
-            for index in range(len(block.seeds))
-        ]
+        if need_maps(block.settings["scores"], Path(block.folder)):
+            names += [name for name in SHARED_MAPS if name not in names]
+        facts = [resolve(name, Path(block.folder)) for name in names]
+        found = [computed(_context(block, body, loaded, index, Row(), {}), facts) for index in range(len(block.seeds))]
     except (Exception, SystemExit) as problem:
         if type(problem).__name__ == "OutputRefused":
             raise
@@ -82,7 +77,7 @@ def learn(block: Block, name: str, table: Table) -> str:
         _recorded.cache_clear()
         return AGAIN
     identity, folder = block.identity(name, table), Path(block.folder)
-    asked = [registry.resolve(score, folder) for score in block.settings["scores"]]
+    asked = [resolve(score, folder) for score in block.settings["scores"]]
     found: list[Any] = [None] * len(block.seeds)
     failures = [""] * len(block.seeds)
     try:
@@ -95,7 +90,7 @@ def learn(block: Block, name: str, table: Table) -> str:
     for index, failure in enumerate(failures):
         if not failure:
             try:
-                found[index] = registry.computed(contexts[index], asked)
+                found[index] = computed(contexts[index], asked)
             except (Exception, SystemExit) as problem:
                 failures[index] = said(problem)
     axis = recordings["training"][0].coords.get("axis")
@@ -130,7 +125,7 @@ def body_place(table: Table, folder: Path, store: Path) -> str:
     return str((folder / named).absolute()) if named.endswith(".toml") else named
 
 
-def row_of(table: Table, folder: Path = Path()) -> Row:
+def row_of(table: Mapping[str, Any], folder: Path = Path()) -> Row:
     """The row of a table, its estimator not yet built.
 
     Raises:
@@ -138,8 +133,8 @@ def row_of(table: Table, folder: Path = Path()) -> Row:
     """
     if "estimator" not in table:
         return Row(dict(table))
-    row = Row(**from_settings(Row, {key: value for key, value in table.items() if key != "estimator"}, folder).__dict__)
-    return row if table["estimator"] == "none" else Row(**{**row.__dict__, "estimator": table["estimator"]})
+    settings = arguments("row", Row, {key: value for key, value in table.items() if key != "estimator"}, folder)
+    return Row(None if table["estimator"] == "none" else table["estimator"], **settings)
 
 
 def fit_all(spec: Any, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[Any]:
@@ -188,7 +183,9 @@ def _recordings(block: Block, body: Embodiment | None) -> dict[str, list[Any]]:
     streams = [block.seeds_of("recordings", seed, count) for seed in block.seeds]
     for index, role in enumerate(ROLES):
         one = table.get(role)
-        if one in (None, "none") or (role != "training" and (body is None or body.skin is None) and "recording" not in one):
+        if one in (None, "none") or (
+            role != "training" and (body is None or body.skin is None) and "recording" not in one
+        ):
             continue
         if "recording" in one:
             given = one["recording"]
@@ -207,7 +204,9 @@ def _recordings(block: Block, body: Embodiment | None) -> dict[str, list[Any]]:
 
 
 def _simulated(block: Block, body: Embodiment, motion: Table, seeds: list[int]) -> list[xr.Dataset]:
-    simulation = from_settings(Simulation, {key: block.simulation[key] for key in ("dynamics", "noise")} | {"training": None})
+    simulation = from_settings(
+        Simulation, {key: block.simulation[key] for key in ("dynamics", "noise")} | {"training": None}
+    )
     spec = MOTION.build(motion, Path(block.folder), body)
     try:
         return _simulated_once(body, spec, tuple(seeds), simulation.dynamics, simulation.noise)
@@ -219,7 +218,9 @@ def _simulated(block: Block, body: Embodiment, motion: Table, seeds: list[int]) 
 
 # Entries that share a stream share recordings, such as the touches of several trainings.
 @lru_cache(maxsize=8)
-def _simulated_once(body: Embodiment, motion: Any, seeds: tuple[int, ...], dynamics: Any, noise: Any) -> list[xr.Dataset]:
+def _simulated_once(
+    body: Embodiment, motion: Any, seeds: tuple[int, ...], dynamics: Any, noise: Any
+) -> list[xr.Dataset]:
     return simulate_many(body, motion, list(seeds), dynamics=dynamics, noise=noise, threads=1)
 
 
@@ -247,11 +248,11 @@ def _context(
     row: Row,
     known: Mapping[str, Any],
 ) -> Context:
-    """What the scores of one seed are functions of. Its recordings are copies: whoever changes them touches no other."""
+    """What the scores of one seed are functions of; on copies of its recordings, which nobody else sees changed."""
     settings, seed, folder = block.settings, block.seeds[index], Path(block.folder)
     count = settings["first_maps"] if row.first_maps is None else row.first_maps
     count = int(count.get(str(seed), 1)) if isinstance(count, Mapping) else int(count)
-    need_maps = registry.need_maps(settings["scores"], folder)
+    with_maps = need_maps(settings["scores"], folder)
     seen, use, tour = (recordings[role][index].copy(deep=True) if role in recordings else None for role in ROLES)
     assert seen is not None
     return Context(
@@ -262,10 +263,10 @@ def _context(
         probes={name: built_probe(table) for name, table in settings["probes"].items()},
         row=row,
         simulation=_simulation(block),
-        map_seeds=block.seeds_of("first maps", seed, 1 + count) if need_maps else (),
+        map_seeds=block.seeds_of("first maps", seed, 1 + count) if with_maps else (),
         map_settings=settings["maps"],
         cut=settings["excitation_cut"],
-        of=choice("metric_of", settings["metric_of"], ("felt", "true")),
+        of=settings["metric_of"],
         known=known,
     )
 
@@ -279,7 +280,7 @@ def _simulation(block: Block) -> Simulation:
             parts[role] = tuple(MOTION.build(motion, folder) for motion in one)
         elif isinstance(one, Mapping) and "recording" not in one:
             parts[role] = MOTION.build(one, folder)
-    return from_settings(Simulation, parts, folder)  # type: ignore[no-any-return]
+    return from_settings(Simulation, parts, folder)
 
 
 def _fit(block: Block, name: str, row: Row, body: Embodiment | None, contexts: Sequence[Context]) -> None:
@@ -303,7 +304,7 @@ def _fit(block: Block, name: str, row: Row, body: Embodiment | None, contexts: S
 
 def _told(context: Context, fact: str, folder: Path) -> Any:
     """A fact as a setting: a number, or an array."""
-    value = context.known[fact] if fact in context.known else registry.resolve(fact, folder).of(context)
+    value = context.known[fact] if fact in context.known else resolve(fact, folder).of(context)
     return float(value) if np.ndim(value) == 0 else np.asarray(value)
 
 

@@ -1,4 +1,4 @@
-"""A process that does one call after the other, until the one that began it ends: ``python -m bodyimage_kin.study.child``.
+"""``python -m bodyimage_kin.study.child``: a process that does one call after the other until its parent ends.
 
 Calls come by the standard input, answers go to the standard output; all that is printed meanwhile goes to a log.
 """
@@ -39,7 +39,7 @@ def live(lifeline: int) -> None:
         # What cells need is loaded before the first limit runs.
         import bodyimage_kin.study.cells  # noqa: F401
     answers.send("ready")
-    folder, filters = os.getcwd(), warnings.filters[:]
+    folder = os.getcwd()
     while True:
         try:
             call: Call = calls.recv()
@@ -48,10 +48,9 @@ def live(lifeline: int) -> None:
         except Exception as problem:
             answers.send((False, RuntimeError(f"cannot read the work: {problem}")))
             continue
-        with _printing_to(call.log):
+        with _printing_to(call.log), warnings.catch_warnings():
             answer = _answer(call, answers)
         os.chdir(folder)
-        warnings.filters[:] = filters
         try:
             answers.send(answer)
         except Exception as problem:
@@ -98,9 +97,9 @@ def _printing_to(log: str | None) -> Iterator[None]:
     try:
         yield
     finally:
-        for stream in (sys.stdout, sys.stderr):
+        for printed in (sys.stdout, sys.stderr):
             with contextlib.suppress(Exception):
-                stream.flush()
+                printed.flush()
         with contextlib.suppress(OSError):
             if place.is_file() and place.stat().st_size == 0:
                 place.unlink()

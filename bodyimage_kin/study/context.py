@@ -1,4 +1,12 @@
-"""What scores are computed from: one recording and what was learned from it, each thing computed once, when it is asked."""
+"""What a score is, and what it is computed from: one recording and what was learned from it, each thing computed once.
+
+A score of one's own is a :class:`Score` at the top of a module; a study takes it, or ``"package.module:NAME"``::
+
+    def _largest(context):
+        return max(abs(one).max() for one in context.learned_jacobians.values())
+
+    LARGEST = bk.study.Score("largest_entry", (), "largest entry of the learned Jacobian", _largest, units="m/rad")
+"""
 
 from __future__ import annotations
 
@@ -6,7 +14,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -17,17 +25,19 @@ from bodyimage_kin import metrics
 from bodyimage_kin.backends import kinematics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import BodyImage, PostureSOM, PostureToImage, integrate
-from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.errors import UnknownName
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import experience
 from bodyimage_kin.study import maps
 from bodyimage_kin.study.grid import Row, Simulation
+from bodyimage_kin.study.specs import plain_name
 from bodyimage_kin.study.store import padded
 
 _CHUNK = 5000
 """Postures at which Jacobians are asked for at once: bounds the memory of wide probes."""
 _LARGEST = 1e150
 """Beyond it a square is not finite, nor is any score."""
+_NEEDED = ("body", "skin", "truth", "learned", "use", "true_use", "tour", "maps")
 
 
 class WrongResult(Exception):
@@ -63,7 +73,7 @@ class Context:
     tour: xr.Dataset | None = None
     learned: Any = None
     probes: Mapping[str, Any] = field(default_factory=dict)
-    row: Row = Row()
+    row: Row = field(default_factory=Row)
     estimator: Any = None
     simulation: Simulation | None = None
     seed: int = 0
@@ -71,7 +81,7 @@ class Context:
     map_seeds: Sequence[int] = ()
     map_settings: Mapping[str, Any] = field(default_factory=dict)
     cut: float = 0.1
-    of: str = "felt"
+    of: Literal["felt", "true"] = "felt"
     known: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
@@ -90,7 +100,7 @@ class Context:
         }
         return frozenset(name for name, is_there in there.items() if is_there)
 
-    # Recordings ---------------------------------------------------------------------------------------------------------
+    # Recordings -------------------------------------------------------------------------------------------------------
 
     @cached_property
     def experience(self) -> xr.Dataset:
@@ -100,19 +110,20 @@ class Context:
     @cached_property
     def felt_use(self) -> xr.Dataset:
         """Experience of the touches."""
+        assert self.use is not None
         return experience(self.use)
 
     @cached_property
     def motion_metric(self) -> Float[np.ndarray, "p p"]:
         """Of the motion of use [rad^2]; without one, of the motion that is learned from."""
-        return self.excitation.motion_metric if self.excitation else metrics.motion_metric(self.seen, self.of)  # type: ignore[arg-type]
+        return self.excitation.motion_metric if self.excitation else metrics.motion_metric(self.seen, self.of)
 
     @cached_property
     def excitation(self) -> metrics.Excitation | None:
         """Of the motion of use by what is learned from; None without a use."""
-        return None if self.use is None else metrics.excitation(self.seen, self.use, self.of, self.cut)  # type: ignore[arg-type]
+        return None if self.use is None else metrics.excitation(self.seen, self.use, self.of, self.cut)
 
-    # At probes ----------------------------------------------------------------------------------------------------------
+    # At probes --------------------------------------------------------------------------------------------------------
 
     @cached_property
     def postures(self) -> dict[str, Float[torch.Tensor, "postures p"]]:
@@ -151,9 +162,7 @@ class Context:
         rows: list[Any] = []
         for name in self.probes:
             there = name in self.true_jacobians
-            rows.append(
-                score(self.true_jacobians[name], self.learned_jacobians[name], *arguments) if there else None
-            )
+            rows.append(score(self.true_jacobians[name], self.learned_jacobians[name], *arguments) if there else None)
         return padded(rows)
 
     @cached_property
@@ -164,7 +173,7 @@ class Context:
             for name, J in self.true_jacobians.items()
         }
 
-    # Paths and maps -----------------------------------------------------------------------------------------------------
+    # Paths and maps ---------------------------------------------------------------------------------------------------
 
     @cached_property
     def tour_path(self) -> Float[np.ndarray, "trial time m"]:
@@ -187,7 +196,8 @@ class Context:
         assert self.use is not None
         if self.learned is None:
             return self.use["true_hand_image"]
-        reset, settings = self.row.reset, {}
+        reset = self.row.reset
+        settings: dict[str, Any] = {}
         if reset == "posture_map":
             settings["posture_map"] = PostureToImage.fit(self.experience)
         if reset == "none":
@@ -209,14 +219,16 @@ class Context:
         return [self.learn_map(self.hand, seed) for seed in self.map_seeds[1:]]
 
     @cached_property
-    def direct_maps(self) -> tuple[Sequence[np.ndarray], Sequence[np.ndarray]]:
+    def direct_maps(
+        self,
+    ) -> tuple[Float[np.ndarray, "maps rows columns m"], Float[np.ndarray, "maps rows_ columns_ m"]]:
         """Tactile and posture map of direct sight, one a first map."""
         names, count = ("direct_map", "direct_posture_map"), len(self.map_seeds) - 1
         if not self.row.maps and all(len(self.known.get(name, ())) >= count for name in names):
-            return tuple(self.known[name][:count] for name in names)  # type: ignore[return-value]
+            return self.known[names[0]][:count], self.known[names[1]][:count]
         assert self.use is not None
         learned = [self.learn_map(self.use["true_hand_image"], seed) for seed in self.map_seeds[1:]]
-        return [one.tactile_map for one in learned], [one.posture_map for one in learned]
+        return np.stack([one.tactile_map for one in learned]), np.stack([one.posture_map for one in learned])
 
     def learn_map(self, hand: xr.DataArray, seed: int, **settings: Any) -> BodyImage:
         """The maps that these hand images lead to.
@@ -238,7 +250,7 @@ class Context:
     def _integrated(self, what: str, felt: xr.Dataset, **settings: Any) -> xr.DataArray:
         """The integrated hand image, once it is known to be finite wherever it can be."""
         method, substeps = self.row.method, self.row.substeps
-        with torch.no_grad():
+        with torch.no_grad(), np.errstate(all="ignore"):
             path = integrate(felt, self.learned, method=method, substeps=substeps, **settings)
         # Scores of a path leave out what is not finite: one that explodes would seem to be a good one.
         there = np.isfinite(felt["q"].values).all(-1)
@@ -247,7 +259,7 @@ class Context:
         checked(f"the integrated {what}", path.values[there], path.values[there].shape)
         return path
 
-    # Truth -------------------------------------------------------------------------------------------------------------
+    # Truth ------------------------------------------------------------------------------------------------------------
 
     def oracle_difference(self, most: int) -> float:
         """Largest difference of the body's Jacobian from Pinocchio's, over probes [image unit/rad]."""
@@ -259,6 +271,54 @@ class Context:
         q = q[:: max(1, len(q) // most)]
         with torch.no_grad():
             return float((self.body.hand_image_jacobian(q) - oracle.hand_image_jacobian(q)).abs().max())
+
+
+@dataclass(frozen=True)
+class Score:
+    """One score of a learned Jacobian.
+
+    Attributes:
+        name: Its name in results.
+        dims: Beside embodiment, recording, estimator and seed.
+        long_name: What it is.
+        of: Numbers (or text) of these dimensions, from the context.
+        units: ``"1"`` where it has none.
+        needs: What must be there (:attr:`Context.has`); where it is not, the score is left out.
+        labels: Dimension -> names along it; of ``probe`` and ``axis`` they are known.
+        source: Where its formula is.
+        ratio: Whether it is positive and compared by ratios.
+        optional: Whether it is computed only when a study asks for it by name, for it takes its time.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    long_name: str
+    of: Callable[[Context], Any]
+    units: str = "1"
+    needs: tuple[str, ...] = ("learned",)
+    labels: Mapping[str, tuple[str, ...]] | None = None
+    source: str = ""
+    ratio: bool = True
+    optional: bool = False
+
+    def __post_init__(self) -> None:
+        plain_name("score", self.name)
+        for need in self.needs:
+            if need not in _NEEDED:
+                raise UnknownName(f"need of score '{self.name}'", need, _NEEDED)
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """As attributes of a variable."""
+        found = {"long_name": self.long_name, "units": self.units}
+        return found | ({"source": f"bodyimage_kin.metrics.{self.source}"} if self.source else {})
+
+
+@dataclass(frozen=True)
+class Fact(Score):
+    """One fact of a recording, whatever is learned from it: a score without an estimator."""
+
+    needs: tuple[str, ...] = ()
 
 
 def checked(what: str, value: Any, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:

@@ -5,7 +5,7 @@ kill or a time limit costs that task alone. What a task prints goes to its log. 
 them, however that ended.
 
 Pebble 5.2.3 was tried for the children, and cannot keep three of their promises: that the time limit begins when a task
-is prepared (its embodiment loaded; Pebble's begins before), that a killed child is replaced at once (there it takes four
+is prepared (its embodiment loaded; Pebble's begins before), that a killed child is replaced at once (there, after four
 seconds), and that a script needs no ``if __name__ == "__main__":`` (there it ends in ``BrokenProcessPool``).
 """
 
@@ -224,7 +224,7 @@ def here(call: Call) -> Any:
 
     threading.Thread(target=work, daemon=True).start()
     try:
-        return future.result(number("limit", call.limit, above=0))
+        return future.result(number("limit", call.limit, above=0.0))
     except TimeoutError:
         if future.done():
             raise
@@ -305,9 +305,13 @@ class _Child:
             self._process.wait(5)
         self.kill()
 
+    def __del__(self) -> None:
+        # A thread that works for Dask ends without a word.
+        self.kill()
+
     def kill(self) -> None:
         """Ends it at once."""
-        if self.alive:
+        if getattr(self, "alive", False):
             self.alive = False
             self._process.kill()
             self._process.wait()

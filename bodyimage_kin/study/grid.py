@@ -94,9 +94,10 @@ class Row:
         choice("method", self.method, METHODS)
         choice("reset", self.reset, RESETS)
         whole("substeps", self.substeps, least=1)
-        if isinstance(self.on, str) or not all(isinstance(name, str) for name in self.on):
-            raise InvalidConfig(f"on={self.on!r}: give names of recordings in a list")
-        object.__setattr__(self, "on", tuple(self.on))
+        on: Any = self.on
+        if isinstance(on, str) or not all(isinstance(name, str) for name in on):
+            raise InvalidConfig(f"on={on!r}: give names of recordings in a list")
+        object.__setattr__(self, "on", tuple(on))
         for name, value in (("told", self.told), ("maps", self.maps)):
             if not isinstance(value, Mapping):
                 raise InvalidConfig(f"{name}={value!r}: give a table of settings")
@@ -197,7 +198,7 @@ def stream(entropy: int, name: str, count: int = 1) -> list[int]:
     return [int(value) for value in np.random.SeedSequence(entropy, spawn_key=key.tolist()).generate_state(count)]
 
 
-def blocks(origin: Table, store: Path) -> list[Block]:
+def blocks(origin: Mapping[str, Any], store: Path) -> list[Block]:
     """The blocks of a study, in the order of its axes.
 
     Args:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin._files import write_bytes
+from bodyimage_kin.errors import InvalidConfig, OutputRefused
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study import store as files
 from bodyimage_kin.study.grid import blocks
@@ -43,7 +45,26 @@ def read_study(folder: str | Path) -> xr.Dataset:
         raise InvalidConfig(f"'{folder}' holds no study that this version can read ({said})") from None
 
 
-def recording_of(folder: str | Path, recording: str, seed: int, role: str = "training", embodiment: str = "") -> xr.Dataset:
+def write_results(results: xr.Dataset, path: Path) -> None:
+    """Writes results as NetCDF, atomically.
+
+    Raises:
+        OutputRefused: A place that cannot be written to.
+    """
+    with io.BytesIO() as file:
+        # Not straight into the file: a disk that fills up would end the process within HDF5.
+        results.to_netcdf(file, engine="h5netcdf")
+        data = file.getvalue()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, data)
+    except OSError as problem:
+        raise OutputRefused(f"cannot write '{path}': {problem.strerror}; name another folder") from None
+
+
+def recording_of(
+    folder: str | Path, recording: str, seed: int, role: str = "training", embodiment: str = ""
+) -> xr.Dataset:
     """A recording that a study made, or was handed.
 
     Args:
@@ -82,7 +103,8 @@ def gather(place: Store, origin: Mapping[str, Any]) -> xr.Dataset:
     axes |= {"estimator": list(config["estimators"]), "seed": list(config["seeds"])}
     scores, facts = _Collected(axes, _GRID), _Collected(axes, ("embodiment", "recording", "seed"))
     failure = np.full([len(names) for names in axes.values()], "", dtype=object)
-    used, left_out = {json.dumps(versions())}, {}
+    used = {json.dumps(versions())}
+    left_out: dict[str, dict[str, list[str]]] = {}
     for block in blocks(origin, place.folder):
         seeds = slice(block.first, block.first + len(block.seeds))
         at = axes["embodiment"].index(block.embodiment), axes["recording"].index(block.recording)
@@ -100,7 +122,11 @@ def gather(place: Store, origin: Mapping[str, Any]) -> xr.Dataset:
                 for score, why in part.notes["left_out"].items():
                     left_out.setdefault(score, {}).setdefault(why, []).append(f"{block.place}/{name}")
     scores.expect(config["scores"])
-    variables = {**scores.variables(), **facts.variables(), "failure": (_GRID, failure.astype(str))}
+    for dim, names in facts.labels.items():
+        scores.labels.setdefault(dim, names)
+    ours, theirs = scores.sizes(), facts.sizes()
+    length = {dim: max(ours.get(dim, 0), theirs.get(dim, 0)) for dim in (*ours, *theirs)}
+    variables = {**scores.variables(length), **facts.variables(length), "failure": (_GRID, failure.astype(str))}
     coords = {**axes, "probe": list(config["probes"]), **facts.labels, **scores.labels}
     dims = {dim for one in variables.values() for dim in one[0]}
     found = xr.Dataset(variables, {dim: names for dim, names in coords.items() if dim in dims})
@@ -125,12 +151,13 @@ class _Collected:
         """Takes a part's arrays, all or those that are kept."""
         names = {str(name).rpartition(":")[2] for name in keep} if keep is not None else None
         labels = {str(dim): list(map(str, values)) for dim, values in part.notes["labels"].items()}
-        for dim, values in labels.items():
+        for dim, ones in labels.items():
             known = self.labels.setdefault(dim, [])
-            known += [value for value in values if value not in known]
+            known += [one for one in ones if one not in known]
         for name, values in part.arrays.items():
             if names is None or name in names:
-                self.kinds[name] = tuple(part.notes["variables"][name])  # type: ignore[assignment]
+                dims, attrs = part.notes["variables"][name]
+                self.kinds[name] = list(dims), dict(attrs)
                 self.pieces.setdefault(name, []).append((place, values, labels))
 
     def expect(self, names: Any) -> None:
@@ -141,15 +168,24 @@ class _Collected:
                 for dim, values in (SCORES[name].labels or {}).items():
                     self.labels.setdefault(dim, list(values))
 
-    def variables(self) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
-        """Name -> dimensions, values and attributes."""
+    def sizes(self) -> dict[str, int]:
+        """How long each of the parts' own dimensions must be, for the longest."""
+        found: dict[str, int] = {}
+        for name, (dims, _) in self.kinds.items():
+            for n, dim in enumerate(dims):
+                here = max((values.shape[1 + n] for _, values, _ in self.pieces.get(name, [])), default=0)
+                found[dim] = len(self.labels[dim]) if dim in self.labels else max(here, found.get(dim, 0))
+        return found
+
+    def variables(self, length: Mapping[str, int]) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
+        """Name -> dimensions, values and attributes, each dimension of the given length."""
         found = {}
         for name, (dims, attrs) in self.kinds.items():
-            pieces = self.pieces.get(name, [])
-            sizes = [max((one.shape[1 + n] for _, one, _ in pieces), default=0) for n in range(len(dims))]
-            sizes = [len(self.labels[dim]) if dim in self.labels else size for dim, size in zip(dims, sizes, strict=True)]
+            pieces, sizes = self.pieces.get(name, []), [length[dim] for dim in dims]
             text = any(values.dtype.kind == "U" for _, values, _ in pieces)
-            whole = np.full([*(len(self.axes[dim]) for dim in self.grid), *sizes], "" if text else np.nan, object if text else float)
+            whole = np.full(
+                [*(len(self.axes[dim]) for dim in self.grid), *sizes], "" if text else np.nan, object if text else float
+            )
             for place, values, labels in pieces:
                 at = [
                     [self.labels[dim].index(one) for one in labels[dim]] if dim in labels else list(range(size))

@@ -59,7 +59,9 @@ def work_off(
     """
     tasks: deque[_Task] = deque()
     for block in blocks:
-        missing = [name for name, row in rows.items() if block.is_on(row) and _is_missing(store, block, name, row, retry)]
+        missing = [
+            name for name, row in rows.items() if block.is_on(row) and _is_missing(store, block, name, row, retry)
+        ]
         if missing:
             tasks.append(_Task(block, waiting=missing))
     done, total = 0, sum(1 + len(task.waiting) for task in tasks)
@@ -103,7 +105,9 @@ def _handed_out(
     try:
         return executors.submit(executor, call)
     except Exception as problem:
-        raise ExecutorLost(f"nobody is left to work ({said(problem)}); what is finished is kept, run the study again") from None
+        raise ExecutorLost(
+            f"nobody is left to work ({said(problem)}); what is finished is kept, run the study again"
+        ) from None
 
 
 def _taken(store: Store, task: _Task, rows: Mapping[str, Table], future: Future[Any]) -> tuple[list[_Task], int]:

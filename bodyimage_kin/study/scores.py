@@ -1,19 +1,8 @@
-"""The scores of a learned Jacobian and the facts of a recording: name, dimensions, unit, meaning and formula, in one place.
-
-A score of one's own is a :class:`Score` at the top of a module; a study takes the object, or ``"package.module:NAME"``::
-
-    def _worst(context):
-        return max(one.max() for one in context.learned_jacobians.values())
-
-    WORST = bk.study.Score("worst_entry", (), "largest entry of the learned Jacobian", _worst, units="m/rad")
-"""
+"""The scores of a learned Jacobian: name, dimensions, unit, meaning and formula, in one place."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,137 +10,19 @@ import torch
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
-from bodyimage_kin._named import named_object
-from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.study import maps
-from bodyimage_kin.study.context import Context, answers, checked, floats
-from bodyimage_kin.study.specs import plain_name
+from bodyimage_kin.study.context import Context, Score, answers, checked, floats
 from bodyimage_kin.study.store import padded
 
 PARTS = ("scale", "mean_excited", "mean_unexcited", "variation")
 """What a squared Jacobian error is the sum of (:class:`bodyimage_kin.metrics.Attribution`)."""
 CAUSES = ("discretisation", "position", "circulation")
 """What the error of an integrated path is the sum of (:class:`bodyimage_kin.metrics.ErrorSplit`)."""
-_ORACLE_SAMPLE = 64
-"""Postures at which another backend's truth is held against Pinocchio's."""
-_NEEDED = ("body", "skin", "truth", "learned", "use", "true_use", "tour", "maps")
 _AT_PROBES = ("body", "learned")
 _BY_POSTURE = ("probe", "posture")
-
-
-@dataclass(frozen=True)
-class Score:
-    """One score of a learned Jacobian.
-
-    Attributes:
-        name: Its name in results.
-        dims: Beside embodiment, recording, estimator and seed.
-        long_name: What it is.
-        of: Numbers (or text) of these dimensions, from the context.
-        units: ``"1"`` where it has none.
-        needs: What must be there (:attr:`Context.has`); where it is not, the score is left out.
-        labels: Dimension -> names along it; of ``probe`` and ``axis`` they are known.
-        source: Where its formula is.
-        ratio: Whether it is positive and compared by ratios.
-        optional: Whether it is computed only when a study asks for it by name, for it takes its time.
-    """
-
-    name: str
-    dims: tuple[str, ...]
-    long_name: str
-    of: Callable[[Context], Any]
-    units: str = "1"
-    needs: tuple[str, ...] = ("learned",)
-    labels: Mapping[str, tuple[str, ...]] | None = None
-    source: str = ""
-    ratio: bool = True
-    optional: bool = False
-
-    def __post_init__(self) -> None:
-        plain_name("score", self.name)
-        for need in self.needs:
-            if need not in _NEEDED:
-                raise UnknownName(f"need of score '{self.name}'", need, _NEEDED)
-
-    @property
-    def attributes(self) -> dict[str, str]:
-        """As attributes of a variable."""
-        found = {"long_name": self.long_name, "units": self.units}
-        return found | ({"source": f"bodyimage_kin.metrics.{self.source}"} if self.source else {})
-
-
-@dataclass(frozen=True)
-class Fact(Score):
-    """One fact of a recording, whatever is learned from it: a score without an estimator."""
-
-    needs: tuple[str, ...] = ()
-
-
-def resolve(asked: str | Score, folder: Path = Path()) -> Score:
-    """The score or fact of a name.
-
-    Args:
-        asked: The object itself, a name of :data:`SCORES` or :data:`FACTS`, or ``"package.module:NAME"``.
-        folder: Where a module may lie beside where Python looks.
-
-    Raises:
-        UnknownName: None of ours.
-        InvalidConfig: Something that is no score.
-    """
-    if isinstance(asked, Score):
-        return asked
-    if not isinstance(asked, str):
-        raise InvalidConfig(f"score {asked!r}: give its name, or a bk.study.Score")
-    known = {**SCORES, **FACTS}
-    if asked in known:
-        return known[asked]
-    if ":" not in asked:
-        raise UnknownName("score", asked[:100], (*known, "package.module:NAME"))
-    found = named_object("score", asked, folder)
-    if not isinstance(found, Score):
-        raise InvalidConfig(f"score {asked!r} is {type(found).__name__}; give a bk.study.Score")
-    return found
-
-
-def written(asked: str | Score, folder: Path = Path()) -> str:
-    """How a score is named in a study's file: ours by name, any other as ``package.module:NAME``.
-
-    Raises:
-        UnknownName: None of ours.
-        InvalidConfig: Something that is no score, or one that workers cannot find.
-    """
-    found = resolve(asked, folder)
-    if isinstance(asked, str) or {**SCORES, **FACTS}.get(found.name) is found:
-        return asked if isinstance(asked, str) else found.name
-    module = sys.modules.get(found.of.__module__)
-    names = [name for name, value in vars(module).items() if value is found] if module is not None else []
-    if not names or found.of.__module__ == "__main__":
-        raise InvalidConfig(f"score '{found.name}' cannot be found by workers; keep it at the top of its function's module")
-    return f"{found.of.__module__}:{names[0]}"
-
-
-def computed(context: Context, scores: Sequence[Score]) -> tuple[dict[str, Any], dict[str, str]]:
-    """Scores of a context by name, and of those that are left out what they lack.
-
-    Raises:
-        InvalidConfig: A score of other dimensions than it says.
-    """
-    found: dict[str, Any] = {}
-    lacking: dict[str, str] = {}
-    for score in scores:
-        if missing := [need for need in score.needs if need not in context.has]:
-            lacking[score.name] = f"there is no {' and no '.join(one.replace('_', ' ') for one in missing)}"
-            continue
-        value = np.asarray(score.of(context))
-        value = value if value.dtype.kind == "U" else value.astype(np.float64)
-        if value.ndim != len(score.dims):
-            raise InvalidConfig(f"score '{score.name}' has {value.ndim} dimensions, but says {score.dims}")
-        found[score.name] = value
-    return found, lacking
-
-
-# Scores --------------------------------------------------------------------------------------------------------------
+_TOUR = ("body", "learned", "tour")
+_MAPS = ("body", "maps")
 
 
 def _relative_error(context: Context) -> Any:
@@ -192,7 +63,8 @@ def _part_by_posture(part: str) -> Callable[[Context], Any]:
     """What each posture adds to a part of the attributed error, times their number."""
 
     def of(context: Context) -> Any:
-        W, rows = context.motion_metric, []
+        W = context.motion_metric
+        rows: list[Any] = []
         for probe in context.probes:
             if probe not in context.true_jacobians:
                 rows.append(None)
@@ -269,8 +141,8 @@ def _touch_trajectory_rmse(context: Context) -> Any:
     return metrics.trajectory_rmse(context.use["true_hand_image"].values, context.hand.values)
 
 
-def _of_maps(name: str) -> Callable[[Context], Any]:
-    """Mean over the first maps of a score of the tactile map."""
+def of_maps(name: str) -> Callable[[Context], Any]:
+    """Mean over the first maps of a score of the tactile map (:func:`bodyimage_kin.study.maps.map_scores`)."""
 
     def of(context: Context) -> Any:
         assert context.body is not None
@@ -290,8 +162,6 @@ def _posture_map_error(context: Context) -> Any:
     return np.mean([maps.relative_distance(one.posture_map, direct) for one, direct in pairs])
 
 
-_TOUR = ("body", "learned", "tour")
-_MAPS = ("body", "maps")
 SCORES: Mapping[str, Score] = {
     score.name: score
     for score in (
@@ -380,22 +250,22 @@ SCORES: Mapping[str, Score] = {
         ),
         Score(
             "map_error_to_truth", (), "distance of the map from the true taxels, the kernel's share included",
-            _of_maps("map_error_to_truth"), "m", needs=_MAPS, optional=True,
+            of_maps("map_error_to_truth"), "m", needs=_MAPS, optional=True,
         ),
         Score(
-            "map_topological_error", (), "taxels out of order with a neighbour", _of_maps("map_topological_error"),
+            "map_topological_error", (), "taxels out of order with a neighbour", of_maps("map_topological_error"),
             needs=_MAPS, source="topological_error", ratio=False, optional=True,
         ),
         Score(
-            "map_span", ("axis",), "extent of the map over the true one", _of_maps("map_span"),
+            "map_span", ("axis",), "extent of the map over the true one", of_maps("map_span"),
             needs=_MAPS, source="span", ratio=False, optional=True,
         ),
         Score(
-            "map_disparity", (), "squared error of the map left after the best similarity", _of_maps("map_disparity"),
+            "map_disparity", (), "squared error of the map left after the best similarity", of_maps("map_disparity"),
             needs=_MAPS, source="procrustes", optional=True,
         ),
         Score(
-            "map_folded_cells", (), "cells of the map turned over or flattened", _of_maps("map_folded_cells"),
+            "map_folded_cells", (), "cells of the map turned over or flattened", of_maps("map_folded_cells"),
             needs=_MAPS, source="folded_cells", ratio=False, optional=True,
         ),
         Score(
@@ -405,143 +275,5 @@ SCORES: Mapping[str, Score] = {
     )
 }  # fmt: skip
 """Name -> score; those by posture are kept on request, optional ones when they are named."""
-
-
-# Facts ---------------------------------------------------------------------------------------------------------------
-
-
-def _of_excitation(name: str) -> Callable[[Context], Any]:
-    return lambda context: getattr(context.excitation, name)
-
-
-def _distance(index: int) -> Callable[[Context], Any]:
-    """How far each posture of each probe is from training, in joint space or of the hand."""
-
-    def of(context: Context) -> Any:
-        assert context.body is not None
-        away = {
-            name: probes.distances(context.body, context.seen, q)[index] for name, q in context.postures.items()
-        }
-        return padded([away.get(name) for name in context.probes])
-
-    return of
-
-
-def _mean_distance(index: int) -> Callable[[Context], Any]:
-    def of(context: Context) -> Any:
-        rows = _distance(index)(context)
-        return padded([one[np.isfinite(one)].mean() if np.isfinite(one).any() else None for one in rows])
-
-    return of
-
-
-def _depth_ratio(context: Context) -> Any:
-    assert context.body is not None
-    return metrics.depth_ratio(context.body, context.seen)
-
-
-def _of_direct_maps(name: str) -> Callable[[Context], Any]:
-    def of(context: Context) -> Any:
-        assert context.body is not None
-        truth = maps.true_map(context.body)
-        return np.mean([maps.map_scores(one, truth)[name] for one in context.maps], axis=0)
-
-    return of
-
-
-_DIRECT = (*_MAPS, "true_use")
-_UNITS = ("unit_row", "unit_column")
-FACTS: Mapping[str, Fact] = {
-    fact.name: fact
-    for fact in (
-        Fact("excitation", ("direction",), "G_train v = mu G_use v", _of_excitation("eigenvalues"), needs=("use",)),
-        Fact(
-            "max_oracle_difference", (), "largest difference of the truth from Pinocchio's",
-            lambda context: context.oracle_difference(_ORACLE_SAMPLE), "m/rad", needs=("body",),
-        ),
-        Fact(
-            "mahalanobis_distance", ("probe",), "distance from training in its joint space, mean over postures",
-            _mean_distance(0), needs=("body",),
-        ),
-        Fact(
-            "hand_distance", ("probe",), "distance of the hand from where it was in training, mean over postures",
-            _mean_distance(1), "m", needs=("body",),
-        ),
-        Fact(
-            "mahalanobis_distance_by_posture", _BY_POSTURE, "distance from training in its joint space", _distance(0),
-            needs=("body",),
-        ),
-        Fact(
-            "hand_distance_by_posture", _BY_POSTURE, "distance of the hand from where it was in training",
-            _distance(1), "m", needs=("body",),
-        ),
-        Fact(
-            "depth_ratio", (), "mean depth of the hand in training over that on the face", _depth_ratio,
-            needs=("body", "skin"), source="depth_ratio", optional=True,
-        ),
-        Fact(
-            "motion_metric", ("joint", "other_joint"), "mean(dq dq') of the motion of use",
-            lambda context: context.motion_metric, "rad^2", source="motion_metric", optional=True,
-        ),
-        Fact(
-            "excited_motion", ("joint", "direction"), "v of G_train v = mu G_use v", _of_excitation("eigenvectors"),
-            "1/rad", needs=("use",), optional=True,
-        ),
-        Fact(
-            "direct_map_error_to_truth", (), "distance of the map of direct sight from the true taxels: the kernel's share",
-            _of_direct_maps("map_error_to_truth"), "m", needs=_DIRECT, optional=True,
-        ),
-        Fact(
-            "direct_map_span", ("axis",), "extent of the map of direct sight over the true one",
-            _of_direct_maps("map_span"), needs=_DIRECT, optional=True,
-        ),
-        Fact(
-            "direct_map_topological_error", (), "taxels of the map of direct sight out of order with a neighbour",
-            _of_direct_maps("map_topological_error"), needs=_DIRECT, optional=True,
-        ),
-        Fact(
-            "direct_map", ("first_map", "row", "column", "axis"), "map of direct sight",
-            lambda context: padded([one.tactile_map for one in context.maps]), "m", needs=_DIRECT, optional=True,
-        ),
-        Fact(
-            "direct_posture_map", ("first_map", *_UNITS, "axis"), "posture map of direct sight",
-            lambda context: padded([one.posture_map for one in context.maps]), "m", needs=_DIRECT, optional=True,
-        ),
-        Fact(
-            "posture_units", (*_UNITS, "joint"), "representative postures of the posture map",
-            lambda context: context.posture_som.postures, "rad", needs=("maps",), optional=True,
-        ),
-        Fact(
-            "posture_scale", ("joint",), "spread of each joint over the touches",
-            lambda context: context.posture_som.scale, "rad", needs=("maps",), optional=True,
-        ),
-    )
-}  # fmt: skip
-"""Name -> fact of a recording. Estimators may be told them (:attr:`Row.told`)."""
-
-
-def _default(known: Mapping[str, Score], per_posture: bool) -> tuple[str, ...]:
-    kept = (one for one in known.values() if not one.optional and (per_posture or "posture" not in one.dims))
-    return tuple(one.name for one in kept)
-
-
-def default_scores(per_posture: bool = False) -> tuple[str, ...]:
-    """Names of the scores that a study keeps unless it says otherwise."""
-    return _default(SCORES, per_posture)
-
-
-def default_facts(per_posture: bool = False, with_maps: bool = False) -> tuple[str, ...]:
-    """Names of the facts that a study keeps unless it says otherwise."""
-    of_maps = [name for name in FACTS if name.startswith("direct_map_")] if with_maps else []
-    return (*_default(FACTS, per_posture), *of_maps)
-
-
 MAP_SCORES = tuple(name for name in SCORES if "map_" in name or name.startswith("touch_"))
-"""Scores for which touches are integrated and, but for the first, maps are learned (:mod:`bodyimage_kin.study.maps`)."""
-SHARED_MAPS = ("posture_units", "posture_scale", "direct_map", "direct_posture_map")
-"""Facts that are computed once a recording for all rows, where maps are learned."""
-
-
-def need_maps(names: Collection[str], folder: Path = Path()) -> bool:
-    """Whether maps are to be learned for any of these scores."""
-    return any("maps" in resolve(name, folder).needs for name in names)
+"""Scores for which touches are integrated and, but for the first, maps are learned."""

@@ -1,21 +1,26 @@
-"""Every score of one learned Jacobian on one recording, by the very functions that the cells of a study use."""
+"""Scores by name, and every score of one learned Jacobian by the very functions that the cells of a study use."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from bodyimage_kin._checks import whole
+from bodyimage_kin._checks import choice, whole
+from bodyimage_kin._named import named_object
 from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.metrics import probes as probe_specs
 from bodyimage_kin.recordings import check
-from bodyimage_kin.study import scores as registry
-from bodyimage_kin.study.context import Context
+from bodyimage_kin.study.context import Context, Score
+from bodyimage_kin.study.facts import FACTS
 from bodyimage_kin.study.grid import stream
-from bodyimage_kin.study.scores import Score
+from bodyimage_kin.study.scores import SCORES
 from bodyimage_kin.study.specs import PROBE, plain_name, snake
 
 PROBES: Mapping[str, probe_specs.Probe] = {
@@ -70,8 +75,8 @@ def score(
         WrongResult: What was learned answers in other shapes, or not in finite numbers.
     """
     named = _named_probes(probes, body)
-    names = registry.default_scores() if scores is None else scores
-    asked = [one for one in map(registry.resolve, names) if one.name != "fit_seconds"]
+    names = default_scores() if scores is None else scores
+    asked = [one for one in map(resolve, names) if one.name != "fit_seconds"]
     count = 1 + whole("first_maps", first_maps, least=1)
     context = Context(
         body,
@@ -82,9 +87,9 @@ def score(
         named,
         map_seeds=stream(whole("seed", seed, least=0), "first maps", count),
         cut=excitation_cut,
-        of=metric_of,
+        of=choice("metric_of", metric_of, ("felt", "true")),  # type: ignore[arg-type]
     )
-    found, lacking = registry.computed(context, asked)
+    found, lacking = computed(context, asked)
     labels: dict[str, Any] = {"probe": list(named)}
     if "axis" in seen.coords:
         labels["axis"] = seen["axis"].values
@@ -97,8 +102,103 @@ def score(
     return xr.Dataset(
         variables,
         {dim: values for dim, values in labels.items() if dim in used},
-        {"motion_metric": f"{metric_of} motion of {'what was seen' if use is None else 'use'}", "left_out": json.dumps(lacking)},
+        {
+            "motion_metric": f"{metric_of} motion of {'what was seen' if use is None else 'use'}",
+            "left_out": json.dumps(lacking),
+        },
     )
+
+
+# By name -------------------------------------------------------------------------------------------------------------
+
+
+def resolve(asked: str | Score, folder: Path = Path()) -> Score:
+    """The score or fact of a name.
+
+    Args:
+        asked: The object itself, a name of :data:`SCORES` or :data:`FACTS`, or ``"package.module:NAME"``.
+        folder: Where a module may lie beside where Python looks.
+
+    Raises:
+        UnknownName: None of ours.
+        InvalidConfig: Something that is no score.
+    """
+    if isinstance(asked, Score):
+        return asked
+    if not isinstance(asked, str):
+        raise InvalidConfig(f"score {asked!r}: give its name, or a bk.study.Score")
+    known = {**SCORES, **FACTS}
+    if asked in known:
+        return known[asked]
+    if ":" not in asked:
+        raise UnknownName("score", asked[:100], (*known, "package.module:NAME"))
+    found = named_object("score", asked, folder)
+    if not isinstance(found, Score):
+        raise InvalidConfig(f"score {asked!r} is {type(found).__name__}; give a bk.study.Score")
+    return found
+
+
+def written_score(asked: str | Score, folder: Path = Path()) -> str:
+    """How a score is named in a study's file: ours by name, any other as ``package.module:NAME``.
+
+    Raises:
+        UnknownName: None of ours.
+        InvalidConfig: Something that is no score, or one that workers cannot find.
+    """
+    found = resolve(asked, folder)
+    if isinstance(asked, str) or {**SCORES, **FACTS}.get(found.name) is found:
+        return asked if isinstance(asked, str) else found.name
+    module = sys.modules.get(found.of.__module__)
+    names = [name for name, value in vars(module).items() if value is found] if module is not None else []
+    if not names or found.of.__module__ == "__main__":
+        raise InvalidConfig(
+            f"score '{found.name}' cannot be found by workers; keep it at the top of its function's module"
+        )
+    return f"{found.of.__module__}:{names[0]}"
+
+
+def computed(context: Context, scores: Sequence[Score]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Scores of a context by name, and of those that are left out what they lack.
+
+    Raises:
+        InvalidConfig: A score of other dimensions than it says.
+    """
+    found: dict[str, Any] = {}
+    lacking: dict[str, str] = {}
+    for score in scores:
+        if missing := [need for need in score.needs if need not in context.has]:
+            lacking[score.name] = f"there is no {' and no '.join(one.replace('_', ' ') for one in missing)}"
+            continue
+        value = np.asarray(score.of(context))
+        value = value if value.dtype.kind == "U" else value.astype(np.float64)
+        if value.ndim != len(score.dims):
+            raise InvalidConfig(f"score '{score.name}' has {value.ndim} dimensions, but says {score.dims}")
+        found[score.name] = value
+    return found, lacking
+
+
+def _default(known: Mapping[str, Score], per_posture: bool) -> tuple[str, ...]:
+    kept = (one for one in known.values() if not one.optional and (per_posture or "posture" not in one.dims))
+    return tuple(one.name for one in kept)
+
+
+def default_scores(per_posture: bool = False) -> tuple[str, ...]:
+    """Names of the scores that a study keeps unless it says otherwise."""
+    return _default(SCORES, per_posture)
+
+
+def default_facts(per_posture: bool = False, with_maps: bool = False) -> tuple[str, ...]:
+    """Names of the facts that a study keeps unless it says otherwise."""
+    of_maps = [name for name in FACTS if name.startswith("direct_map_")] if with_maps else []
+    return (*_default(FACTS, per_posture), *of_maps)
+
+
+def need_maps(names: Collection[str | Score], folder: Path = Path()) -> bool:
+    """Whether maps are to be learned for any of these scores."""
+    return any("maps" in resolve(name, folder).needs for name in names)
+
+
+# Probes --------------------------------------------------------------------------------------------------------------
 
 
 def _named_probes(given: Sequence[Any] | Mapping[str, Any] | None, body: Embodiment | None) -> dict[str, Any]:
@@ -115,14 +215,22 @@ def _named_probes(given: Sequence[Any] | Mapping[str, Any] | None, body: Embodim
     return found
 
 
-def built_probe(given: Any) -> Any:
+def built_probe(given: Any, folder: Path = Path()) -> Any:
     """A probe from an object, a name of :data:`PROBES`, a class or a table.
+
+    Args:
+        given: Any of these.
+        folder: Where a module may lie beside where Python looks.
 
     Raises:
         InvalidConfig: None of these.
         UnknownName: Another name.
     """
-    return PROBES[given] if isinstance(given, str) and given in PROBES else PROBE.build(given)
+    if isinstance(given, str) and given not in PROBE.classes and ":" not in given:
+        if given not in PROBES:
+            raise UnknownName("probe", given[:100], (*PROBES, *PROBE.classes, "package.module:Class"))
+        return PROBES[given]
+    return PROBE.build(given, folder)
 
 
 def probe_name(probe: Any) -> str:

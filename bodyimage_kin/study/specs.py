@@ -17,7 +17,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -80,10 +80,10 @@ class Kind:
         name, settings = self.parts(spec)
         cls = self.find(name, folder)
         what = f"{self.name} {_short(name)}"
-        arguments = _arguments(what, cls, settings, folder, body) | dict(told or {})
+        values = arguments(what, cls, settings, folder, body) | dict(told or {})
         if "body" in _parameters(cls):
-            arguments["body"] = body
-        return self._checked(_made(what, cls, arguments))
+            values["body"] = body
+        return self._checked(_made(what, cls, values))
 
     def table(self, spec: Any, folder: Path = Path()) -> Table:
         """``{NAME: settings}``, every setting written out; of a class that wants the embodiment, all but that.
@@ -93,17 +93,17 @@ class Kind:
             UnknownName: As :meth:`build`.
         """
         if not isinstance(spec, str | type | Mapping):
-            return written(f"{self.name} {type(spec).__name__}", self._checked(spec))  # type: ignore[no-any-return]
+            return written(f"{self.name} {type(spec).__name__}", self._checked(spec))
         name, settings = self.parts(spec)
         cls = self.find(name, folder)
         what = f"{self.name} {_short(name)}"
         if not dataclasses.is_dataclass(cls):
-            _arguments(what, cls, settings, folder, None)
+            arguments(what, cls, settings, folder, None)
             return {name: {key: written(f"{what}: {key}", value) for key, value in settings.items()}}
         if not self.wants_body(spec, folder):
-            return written(what, self.build(spec, folder))  # type: ignore[no-any-return]
+            return written(what, self.build(spec, folder))
         # It cannot be built before there is a body, so the values of its settings are checked when there is one.
-        _arguments(what, cls, settings, folder, None)
+        arguments(what, cls, settings, folder, None)
         given = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING} | settings
         return {name: {key: written(f"{what}: {key}", value) for key, value in given.items() if value is not None}}
 
@@ -114,7 +114,9 @@ class Kind:
         if isinstance(spec, str):
             return spec, {}
         if not isinstance(spec, Mapping) or len(spec) != 1:
-            refuse(self.name, spec, f"a name, or one name with its settings, such as {{{next(iter(self.classes))}: {{}}}}")
+            refuse(
+                self.name, spec, f"a name, or one name with its settings, such as {{{next(iter(self.classes))}: {{}}}}"
+            )
         name, settings = next(iter(spec.items()))
         if not isinstance(settings, Mapping):
             refuse(f"{self.name} {_short(str(name))}", settings, "a table of settings")
@@ -159,7 +161,11 @@ class Kind:
 
     def _checked(self, found: Any) -> Any:
         # An object of anybody's that has the method is as good as one of the class.
-        if isinstance(found, type) or not callable(getattr(found, self.method, None)) or not isinstance(found, self.base):
+        if (
+            isinstance(found, type)
+            or not callable(getattr(found, self.method, None))
+            or not isinstance(found, self.base)
+        ):
             raise InvalidConfig(f"{self.name} {type(found).__name__} is none: give {self.wanted}")
         return found
 
@@ -211,7 +217,9 @@ def class_name(cls: type) -> str:
         if kind.classes.get(cls.__name__) is cls:
             return cls.__name__
     if cls.__module__ == "__main__" or "<locals>" in cls.__qualname__:
-        raise InvalidConfig(f"{cls.__name__} cannot be found by workers; define it at the top of a module they can import")
+        raise InvalidConfig(
+            f"{cls.__name__} cannot be found by workers; define it at the top of a module they can import"
+        )
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
@@ -246,7 +254,9 @@ def settings_of(spec: Any) -> Table:
     Raises:
         InvalidConfig: As :func:`written`.
     """
-    found, hints = {}, _hints(type(spec))
+    found: Table = {}
+    cls: Any = type(spec)
+    hints = _hints(cls)
     for field in dataclasses.fields(spec):
         value = getattr(spec, field.name)
         if not field.init or field.name == "body" or (value is None and field.default is None):
@@ -276,7 +286,20 @@ def from_settings(cls: type, settings: Any, folder: Path = Path(), what: str = "
         return settings
     if not isinstance(settings, Mapping):
         refuse(what, settings, f"a table of settings of {cls.__name__}")
-    return _made(what, cls, _arguments(what, cls, settings, folder, None))
+    return _made(what, cls, arguments(what, cls, settings, folder, None))
+
+
+def arguments(what: str, cls: type, settings: Mapping[str, Any], folder: Path = Path(), body: Any = None) -> Table:
+    """Settings as a class wants them: what is within them built, lists as tuples.
+
+    Raises:
+        InvalidConfig: One that it does not have.
+    """
+    known = _parameters(cls)
+    if not any(one.kind is inspect.Parameter.VAR_KEYWORD for one in known.values()):
+        refuse_unknown(f"setting of {what}", settings, [name for name in known if name != "body"])
+    hints = _hints(cls)
+    return {name: _built(f"{what}: {name}", value, hints.get(name), folder, body) for name, value in settings.items()}
 
 
 def refuse_unknown(what: str, table: Mapping[str, Any], known: Any) -> None:
@@ -303,9 +326,9 @@ def _short(value: Any) -> str:
     return said if len(said) <= 120 else said[:117] + "..."
 
 
-def _made(what: str, cls: type, arguments: Table) -> Any:
+def _made(what: str, cls: type, values: Table) -> Any:
     try:
-        return cls(**arguments)
+        return cls(**values)
     except BodyImageKinError as problem:
         said = str(problem)
         raise InvalidConfig(said if said.startswith(what) else f"{what}: {said}") from None
@@ -313,21 +336,14 @@ def _made(what: str, cls: type, arguments: Table) -> Any:
         raise InvalidConfig(f"{what}: {_short(problem) or type(problem).__name__}") from None
 
 
-def _arguments(what: str, cls: type, settings: Mapping[str, Any], folder: Path, body: Any) -> Table:
-    """Settings as a class wants them: what is within them built, lists as tuples."""
-    known = _parameters(cls)
-    if not any(one.kind is inspect.Parameter.VAR_KEYWORD for one in known.values()):
-        refuse_unknown(f"setting of {what}", settings, [name for name in known if name != "body"])
-    hints = _hints(cls)
-    return {name: _built(f"{what}: {name}", value, hints.get(name), folder, body) for name, value in settings.items()}
-
-
 def _built(what: str, value: Any, hint: Any, folder: Path, body: Any) -> Any:
     options = _options(hint)
     if value is None or (value == _NONE and str not in options and type(None) in options):
         if options and type(None) not in options and Any not in options:
-            raise InvalidConfig(f"{what}={value!r}: give a value")
+            refuse(what, value, "a value")
         return None
+    if isinstance(value, str) and options and set(options) <= {int, float, type(None)}:
+        refuse(what, value, "a number")
     if isinstance(value, list | tuple):
         return tuple(_built(what, item, None, folder, body) for item in value)
     if not isinstance(value, Mapping):
@@ -345,7 +361,7 @@ def _built(what: str, value: Any, hint: Any, folder: Path, body: Any) -> Any:
 
 
 @functools.cache
-def _hints(cls: type) -> Mapping[str, Any]:
+def _hints(cls: Any) -> Mapping[str, Any]:
     """Types of a class's fields; none where they cannot be told."""
     try:
         return typing.get_type_hints(cls)
@@ -368,7 +384,7 @@ def _only_dataclass(options: tuple[Any, ...]) -> type | None:
 
 
 @functools.cache
-def _parameters(cls: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+def _parameters(cls: Any) -> Mapping[str, inspect.Parameter]:
     try:
         return inspect.signature(cls).parameters
     except (TypeError, ValueError):

@@ -209,7 +209,7 @@ class Store:
     def _recordings(self, block: Block) -> Path:
         return self.folder / "recordings" / block.place / f"block{block.number}.part"
 
-    # What the study was handed -----------------------------------------------------------------------------------------
+    # What the study was handed ----------------------------------------------------------------------------------------
 
     def give(self, given: Mapping[str, xr.Dataset | Embodiment]) -> None:
         """Keeps recordings and embodiments, by their hashes, unless they are there."""
@@ -247,7 +247,9 @@ class Store:
         except OSError as problem:
             gone = problem.errno == errno.ENOENT and not self.folder.exists()
             said = "the folder was deleted" if gone else problem.strerror
-            raise OutputRefused(f"cannot write '{path}': {said}; what is finished is kept, run the study again") from None
+            raise OutputRefused(
+                f"cannot write '{path}': {said}; what is finished is kept, run the study again"
+            ) from None
 
     def _sweep(self) -> None:
         """Removes temporary files of processes that were killed while they wrote."""
@@ -327,10 +329,14 @@ def body_files(body: Embodiment) -> dict[str, bytes]:
     try:
         urdf = str(tomllib.loads(body.source.decode())["urdf"])
     except (ValueError, KeyError) as problem:
-        raise InvalidConfig(f"embodiment '{body.name}' cannot be handed to workers ({problem}); load it from a file") from None
+        raise InvalidConfig(
+            f"embodiment '{body.name}' cannot be handed to workers ({problem}); load it from a file"
+        ) from None
     name = Path(urdf)
     if name.is_absolute() or ".." in name.parts:
-        raise InvalidConfig(f"embodiment '{body.name}': urdf='{urdf}' lies outside its folder; give its TOML file's path")
+        raise InvalidConfig(
+            f"embodiment '{body.name}': urdf='{urdf}' lies outside its folder; give its TOML file's path"
+        )
     return {"embodiment.toml": body.source, urdf: body.robot.source}
 
 
@@ -351,7 +357,8 @@ def padded(arrays: list[Any]) -> np.ndarray:
     for row, one in zip(range(len(arrays)), arrays, strict=True):
         if one is not None:
             values = np.asarray(one)
-            found[(row, *map(slice, values.shape))] = values
+            at: tuple[Any, ...] = (row, *map(slice, values.shape))
+            found[at] = values
     return found.astype(str) if text else found
 
 
