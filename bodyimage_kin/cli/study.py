@@ -13,6 +13,8 @@ from bodyimage_kin.study import Study, failures, read_study
 from bodyimage_kin.study.results import MISSING, write_results
 from bodyimage_kin.study.specs import ESTIMATOR
 
+__all__ = ["FAILED", "fit_command", "report_command", "status_command", "study_command"]
+
 FAILED = 1
 """Exit status of a run that is complete, but for cells that failed."""
 

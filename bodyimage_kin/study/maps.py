@@ -20,6 +20,7 @@ from bodyimage_kin import metrics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import BodyImage, PostureSOM
 from bodyimage_kin.errors import InvalidRecording
+from bodyimage_kin.recordings import first_taxel
 
 POSTURE_GRID = (8, 8)
 """Of the posture map."""
@@ -36,7 +37,7 @@ def posture_som(felt: xr.Dataset, seed: int, grid: Any = POSTURE_GRID) -> Postur
     Raises:
         InvalidRecording: No touches.
     """
-    q, taxel = felt["q"].values[0], felt["taxel"].values[0]
+    q, taxel = felt["q"].values[0], first_taxel(felt)[0]
     if not (taxel >= 0).any():
         raise InvalidRecording("the hand never felt a touch, so there is nothing to map; let it touch for longer")
     return PostureSOM.fit(q[taxel >= 0], grid, seed)

@@ -142,19 +142,22 @@ class Kind:
 
     def wants_body(self, spec: Any, folder: Path = Path()) -> bool:
         """Whether an estimator, or one within it, is to be given the embodiment."""
-        if dataclasses.is_dataclass(spec) and not isinstance(spec, type):
-            return hasattr(spec, "body") or any(self.wants_body(item, folder) for item in vars(spec).values())
-        if isinstance(spec, list | tuple):
-            return any(self.wants_body(item, folder) for item in spec)
         if isinstance(spec, str | type):
-            names: list[Any] = [spec if isinstance(spec, str) else class_name(spec)]
-        elif isinstance(spec, Mapping):
-            names = list(spec)
-        else:
+            return "body" in _parameters(self.find(spec if isinstance(spec, str) else class_name(spec), folder))
+        return self._within_wants_body(spec, folder)
+
+    def _within_wants_body(self, spec: Any, folder: Path) -> bool:
+        """Likewise, of any setting: text in it is no name."""
+        if dataclasses.is_dataclass(spec) and not isinstance(spec, type):
+            return hasattr(spec, "body") or any(self._within_wants_body(item, folder) for item in vars(spec).values())
+        if isinstance(spec, list | tuple):
+            return any(self._within_wants_body(item, folder) for item in spec)
+        if not isinstance(spec, Mapping):
             return False
-        classes = [self.find(name, folder) for name in names if isinstance(name, str) and self._names(name)]
-        within = spec.values() if isinstance(spec, Mapping) else ()
-        return any("body" in _parameters(cls) for cls in classes) or any(self.wants_body(v, folder) for v in within)
+        classes = [self.find(name, folder) for name in spec if isinstance(name, str) and self._names(name)]
+        return any("body" in _parameters(cls) for cls in classes) or any(
+            self._within_wants_body(item, folder) for item in spec.values()
+        )
 
     def _names(self, name: str) -> bool:
         return name in self.classes or re.fullmatch(r"[\w.]+:[\w.]+", name) is not None
