@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.recordings import experience as experience
     from bodyimage_kin.recordings import motions as motions
     from bodyimage_kin.recordings import read_recording as read_recording
+    from bodyimage_kin.recordings import recording as recording
     from bodyimage_kin.recordings import write_recording as write_recording
     from bodyimage_kin.recordings.simulation import simulate as simulate
     from bodyimage_kin.robot import Robot as Robot
@@ -82,6 +83,7 @@ _PUBLIC = {
     "probes": "metrics.probes",
     "published": "published",
     "read_recording": "recordings:read_recording",
+    "recording": "recordings:recording",
     "recordings": "recordings",
     "report": "report",
     "simulate": "recordings.simulation:simulate",
