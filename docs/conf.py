@@ -89,7 +89,7 @@ def _reexported(package: str) -> list[str]:
     return [name for name in names if not name.startswith("_")]
 
 
-# Autodoc takes imported names from `__all__` alone; packages without one re-export as `from module import Name as Name`.
+# Autodoc takes imported names from `__all__` alone; rooms without one re-export as `from module import Name as Name`.
 for _package in ("backends", "body", "body_image", "estimators", "metrics", "recordings", "study", "testing"):
     _module = importlib.import_module(f"bodyimage_kin.{_package}")
     if not hasattr(_module, "__all__"):
