@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.study.specs import Table, plain
+from bodyimage_kin.study.specs import Table, written
 
 _PENALTY_OR_OWN = {"choice": [None, {"log_uniform": [1e-11, 1.0]}]}
 """None: the estimator's own choice."""
@@ -77,8 +77,10 @@ SPACES: Mapping[str, Table] = {
     "Ensemble": {},
     # The spreads are no settings but prior knowledge: how well the body is known beforehand.
     "SelfCalibration": {"starts": {"log_uniform": [1, 6]}, "steps": {"log_uniform": [20, 100]}},
-    # The truth.
+    # The truth, and what was learned elsewhere.
     "Analytic": {},
+    "Given": {},
+    "Saved": {},
 }
 """Class -> space. None within a choice is the setting's own None."""
 
@@ -98,7 +100,7 @@ def checked_space(what: str, space: Any) -> Table:
     """
     if not isinstance(space, Mapping):
         raise InvalidConfig(f"space of {what} is {space!r}; give {{SETTING: range}}")
-    found = {str(name): plain(f"space of {what}: {name}", span) for name, span in space.items()}
+    found = {str(name): written(f"space of {what}: {name}", span) for name, span in space.items()}
     for name, span in found.items():
         _check(f"space of {what}: {name}", span)
     return found
