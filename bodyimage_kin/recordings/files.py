@@ -11,7 +11,7 @@ import xarray as xr
 from bodyimage_kin._files import atomic_path
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.recordings._attributes import decoded, encoded
-from bodyimage_kin.recordings.schema import COORDINATES, VARIABLES, check
+from bodyimage_kin.recordings.schema import COORDINATES, VARIABLES, check, with_blocks
 
 MOST_BYTES = 1 << 30
 """Of all that a file unpacks to; one that claims to hold more is refused before it is read."""
@@ -47,6 +47,8 @@ def write_recording(recording: xr.Dataset, path: str | os.PathLike[str]) -> None
 def read_recording(path: str | os.PathLike[str]) -> xr.Dataset:
     """Reads a recording from NetCDF; what no recording has is left in the file.
 
+    A scattered recording without blocks gets contiguous fifths of its rows.
+
     Raises:
         InvalidRecording: A file that is missing, is no NetCDF, claims to hold more than a GiB, lacks a variable or
             holds something else in one.
@@ -66,7 +68,7 @@ def read_recording(path: str | os.PathLike[str]) -> xr.Dataset:
     recording.attrs = decoded(recording.attrs)
     for variable in recording.variables.values():
         variable.attrs = decoded(variable.attrs)
-    return check(recording)
+    return with_blocks(check(recording))
 
 
 def _others(path: Path) -> list[str]:

@@ -159,6 +159,13 @@ def test_a_file_of_other_numbers_is_read_as_the_schema_has_them(tmp_path, circle
     np.testing.assert_array_equal(bk.read_recording(tmp_path / "rec.nc").q, circle.q)
 
 
+def test_a_scattered_file_without_blocks_is_read_in_contiguous_fifths(tmp_path, circle):
+    bk.write_recording(circle.assign_attrs(order="scattered"), tmp_path / "rec.nc")
+    block = bk.read_recording(tmp_path / "rec.nc").block.values[0]
+    assert (np.diff(block) >= 0).all()
+    assert np.bincount(block).tolist() == [len(part) for part in np.array_split(block, 5)]
+
+
 def test_text_where_numbers_are_meant_is_refused(tmp_path, circle):
     circle.assign(q=circle.q.astype(str)).to_netcdf(tmp_path / "rec.nc", engine="h5netcdf")
     with pytest.raises(InvalidRecording, match="variable 'q'"):
