@@ -249,8 +249,7 @@ def _cell(name: str, sample: int, cell: object) -> Shaped[np.ndarray, "contact"]
         raise InvalidRecording(f"{name}, sample {sample}: {problem}") from None
     if values.ndim != 1:
         raise InvalidRecording(f"{name}, sample {sample}: give a taxel, a list of taxels, or None")
-    # None in a list of its own is none as well.
-    return values[values >= 0] if name in WHOLE else values
+    return values
 
 
 # What fits together --------------------------------------------------------------------------------------------------

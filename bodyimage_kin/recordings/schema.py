@@ -274,7 +274,9 @@ def first_taxel(recording: xr.Dataset, truth: bool = False) -> Int[np.ndarray, "
         raise InvalidRecording(
             f"variable '{name}' has dimensions {dict(recording[name].sizes)}; it must have {VARIABLES[name]}"
         )
-    return np.asarray(normalised(name, recording[name].values[..., 0]))
+    touched = normalised(name, recording[name].values)
+    first = (touched >= 0).argmax(axis=-1)
+    return np.asarray(np.take_along_axis(touched, first[..., None], axis=-1)[..., 0])
 
 
 def joint_names(recording: xr.Dataset) -> tuple[str, ...]:
