@@ -81,7 +81,7 @@ def _compiles() -> bool:
     """Whether numba may compile here (``NUMBA_DISABLE_JIT`` is not set)."""
     import numba
 
-    return not numba.config.DISABLE_JIT
+    return not getattr(numba.config, "DISABLE_JIT", False)
 
 
 def _load(name: str) -> Any:

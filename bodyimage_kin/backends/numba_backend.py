@@ -41,7 +41,7 @@ class NumbaBackend:
     abilities = Abilities(followers=True, out=True, finite=True, devices=True, gradient=True)
 
     def __init__(self, robot: Robot) -> None:
-        if config.DISABLE_JIT:
+        if getattr(config, "DISABLE_JIT", False):
             raise InvalidConfig("NUMBA_DISABLE_JIT=1 and backend 'numba' exclude each other; unset it, or use 'torch'")
         self.robot = robot
         self._chains: dict[str, _LinkChain] = {}
