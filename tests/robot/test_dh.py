@@ -111,3 +111,33 @@ def test_names_and_limits_are_those_given():
 def test_what_makes_no_robot_is_refused(changes, message):
     with pytest.raises(InvalidConfig, match=message):
         bk.Robot.from_dh(**({"rows": [(0, 0, 0, 0)]} | changes))
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("side", "sign"), [("L", 1.0), ("R", -1.0)])
+def test_the_table_of_a_nao_is_its_urdf_once_the_elbow_is_where_it_belongs(side, sign, real_data):
+    # The published table turns the elbow's 15 mm with ElbowYaw, the URDF has them before it: a of the row before.
+    half = math.pi / 2
+    published = [
+        (0, 0.1, -half, 0), (0, sign * 0.098, half, 0), (0, 0, half, half), (sign * 0.015, 0.105, -half, 0),
+        (0, 0, half, 0), (0, 0.1137, -half, math.pi),
+    ]  # fmt: skip
+    moved = [*published[:2], (sign * 0.015, 0, half, half), (0, 0.105, -half, 0), *published[4:]]
+    nao = bk.Robot.from_urdf(real_data / "nao" / "nao.urdf")
+    q = nao.sample(100)
+    kin = bk.kinematics(nao, "torch")
+    torso_T_wrist = kin.pose(q, "torso").inverse() @ kin.pose(q, f"{side.lower()}_wrist")
+    columns = [
+        nao.joint_index(side + joint)
+        for joint in ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")
+    ]
+    apart = []
+    for table in (published, moved):
+        arm = bk.Robot.from_dh(table, kinds=["fixed"] + ["revolute"] * 5)
+        end_T_wrist = bk.kinematics(arm, "torch").pose(q[:, columns], "link6").inverse() @ torso_T_wrist
+        # The wrist's frame is not the table's last one, but fixed to it: the same at every posture.
+        apart.append(float((end_T_wrist - end_T_wrist[0]).abs().max()))
+    assert apart[0] > 0.01
+    assert apart[1] < 1e-14
+    # The hand's offset, of which the table makes one length with the forearm's 55.95 mm.
+    assert end_T_wrist[0, :3, 3].norm() == pytest.approx(0.1137 - 0.05595)
