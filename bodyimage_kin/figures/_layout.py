@@ -1,0 +1,106 @@
+"""Figures and their panels: made in one look, lettered, with one legend for all, and whose axes a drawing goes on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Shaped
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bodyimage_kin._checks import number, whole
+from bodyimage_kin.figures._style import style
+
+MILLIMETRE = 1 / 25.4
+"""[inch]"""
+SINGLE_COLUMN = 88 * MILLIMETRE
+"""Width of a figure in one column of a journal [inch]."""
+DOUBLE_COLUMN = 180 * MILLIMETRE
+"""Width of a figure across the page [inch]."""
+
+
+def panels(
+    rows: int = 1, columns: int = 1, *, width: float | int = DOUBLE_COLUMN, height: float | int = 3.0, **options: Any
+) -> tuple[Figure, Shaped[np.ndarray, "rows columns"]]:
+    """An empty figure whose panels do not overlap, unknown to pyplot: it needs no closing.
+
+    Draw in it inside :func:`style`, for every figure the same look.
+
+    Args:
+        rows: Of panels.
+        columns: Of panels.
+        width: [inch]; the default is a page's, :data:`SINGLE_COLUMN` that of a column.
+        height: [inch]
+        options: As of ``Figure.subplots``: ``sharex``, ``sharey``, ``width_ratios`` ...
+
+    Returns:
+        The figure, and its axes as an array (rows, columns).
+    """
+    size = (number("width", width, above=0.0), number("height", height, above=0.0))
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(whole("rows", rows, least=1), whole("columns", columns, least=1), squeeze=False, **options)
+    return figure, grid
+
+
+def wrapped(
+    count: int, *, height: float, above: float = 0.5, most: int = 3, **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure of ``count`` panels in rows of like length, each row ``height`` [inch], ``above`` [inch] for a legend."""
+    columns = {1: 1, 2: 2, 4: 2}.get(count, most)
+    rows = math.ceil(count / columns)
+    width = DOUBLE_COLUMN if columns > 1 else SINGLE_COLUMN
+    figure, grid = panels(rows, columns, width=width, height=above + rows * height, **options)
+    for axes in grid.flat[count:]:
+        axes.remove()
+    return figure, list(grid.flat[:count])
+
+
+def letters(axes: Iterable[Axes]) -> None:
+    """(a), (b), (c) ... at the upper left of panels."""
+    for index, one in enumerate(axes):
+        one.set_title(f"({chr(ord('a') + index)})", loc="left")
+
+
+def legend(figure: Figure, *, columns: int | None = None, below: bool = False) -> None:
+    """One legend for all panels of a figure: everything in them that has a label, each label once.
+
+    Args:
+        figure: Drawn already.
+        columns: Labels in a row; None: as many as the width takes.
+        below: Under the panels instead of above.
+    """
+    found: dict[str, Any] = {}
+    for axes in figure.axes:
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(name, handle)
+    if not found:
+        return
+    columns = columns or (4 if figure.get_figwidth() > SINGLE_COLUMN + 0.1 else 2)
+    # Rows of like length, rather than one left over.
+    columns = math.ceil(len(found) / math.ceil(len(found) / columns))
+    place = "outside lower center" if below else "outside upper center"
+    figure.legend(handles=list(found.values()), labels=list(found), loc=place, ncols=columns)
+
+
+@contextmanager
+def drawing_on(ax: Axes | None, *, height: float, width: float = SINGLE_COLUMN) -> Iterator[Axes]:
+    """The axes to draw on: those given, or those of a new figure that pyplot knows and shows, legend included."""
+    if ax is not None:
+        yield ax
+        return
+    with style():
+        figure = plt.figure(figsize=(width, height), layout="constrained")
+        axes = figure.add_subplot()
+        try:
+            yield axes
+        except BaseException:
+            plt.close(figure)
+            raise
+        legend(figure)
