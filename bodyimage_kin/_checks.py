@@ -73,7 +73,7 @@ def whole(
     except (TypeError, RuntimeError, ValueError):
         found = None
     if found is None or (least is not None and found < least) or (most is not None and found > most):
-        low, high = (-math.inf if least is None else least), (math.inf if most is None else most)
+        low, high = (-math.inf if least is None else float(least)), (math.inf if most is None else float(most))
         refuse(field, value, _bounds("a whole number", low, high, None, None), error)
     return found
 

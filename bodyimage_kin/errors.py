@@ -62,7 +62,26 @@ class InvalidArray(BodyImageKinError):
 
 
 class NotVisible(BodyImageKinError):
-    """The hand is not in front of the camera plane, so it has no image."""
+    """The hand has no image: it is not in front of the camera plane, or beyond where a lens folds."""
+
+
+class NoSkin(BodyImageKinError):
+    """What was asked needs a skin, and the embodiment has none.
+
+    Attributes:
+        embodiment: Its name.
+    """
+
+    def __init__(self, embodiment: str) -> None:
+        self.embodiment = embodiment
+        super().__init__(f"embodiment {embodiment!r} has no skin; give it one, or ask for what needs none")
+
+    def __reduce__(self) -> tuple[type[NoSkin], tuple[str]]:
+        return type(self), (self.embodiment,)
+
+
+class FoldedLens(InvalidConfig):
+    """A place where the polynomial of a lens' distortion has turned back, so that it describes no lens."""
 
 
 class Unreachable(BodyImageKinError):

@@ -6,13 +6,13 @@ pose and Jacobian; everything else is shared (:class:`RobotKinematics`).
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import sys
 from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
+from bodyimage_kin._named import named_class
 from bodyimage_kin.backends._protocol import Abilities as Abilities
 from bodyimage_kin.backends._protocol import Kinematics as Kinematics
 from bodyimage_kin.backends._protocol import abilities as _abilities
@@ -50,7 +50,8 @@ def kinematics(robot: Robot, backend: str | Kinematics | type | None = None) -> 
 
     Args:
         robot: The robot.
-        backend: A name (:func:`backends` lists them), ``"package.module:Class"``, a class built as ``Class(robot)``,
+        backend: A name (:func:`backends` lists them), ``"package.module:Class"`` (found where it is installed, or in
+            the current folder), a class built as ``Class(robot)``,
             an object that has ``pose_and_jacobian`` (built for ``robot.unfolded``, or for the robot itself if it
             resolves followers, see :class:`Abilities`), or None: the fastest one installed.
 
@@ -83,11 +84,7 @@ def _load(name: str) -> Any:
         name = place
     if ":" not in name:
         raise UnknownName("backend", name, (*_KNOWN, "package.module:Class"))
-    module, _, attribute = name.partition(":")
-    try:
-        return getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as problem:
-        raise InvalidConfig(f"cannot load backend {name!r}: {problem}; give 'package.module:Class'") from problem
+    return named_class("backend", name, ("pose_and_jacobian",))
 
 
 class _Callable(ModuleType):

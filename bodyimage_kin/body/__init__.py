@@ -1,6 +1,10 @@
 """Bodies: a robot with felt joints, a hand, a camera, a skin, and a home posture."""
 
-from bodyimage_kin.body.camera import Camera as Camera
+from bodyimage_kin.body.cameras import Camera as Camera
+from bodyimage_kin.body.cameras import CameraModel as CameraModel
+from bodyimage_kin.body.cameras import Stereo as Stereo
+from bodyimage_kin.body.cameras import Tracker as Tracker
+from bodyimage_kin.body.cameras import VirtualScreen as VirtualScreen
 from bodyimage_kin.body.embodiment import Embodiment as Embodiment
 from bodyimage_kin.body.embodiment import Hand as Hand
 from bodyimage_kin.body.file import embodiments as embodiments

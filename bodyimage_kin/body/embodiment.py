@@ -21,9 +21,9 @@ from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures
 from bodyimage_kin.backends import RobotKinematics, somebody_differentiates
 from bodyimage_kin.body import reach
 from bodyimage_kin.body._reach_kernels import point_in_frame
-from bodyimage_kin.body.camera import Camera
+from bodyimage_kin.body.cameras import Camera, VirtualScreen
 from bodyimage_kin.body.skin import Skin
-from bodyimage_kin.errors import InvalidConfig, InvalidPosture, NotVisible, UnknownName, Unreachable
+from bodyimage_kin.errors import InvalidConfig, InvalidPosture, NoSkin, NotVisible, UnknownName, Unreachable
 from bodyimage_kin.robot import Robot, shapes
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Embodiment:
         joints: The p felt joints, in the robot's order.
         hand: The hand that is seen and that touches.
         camera: The eye that sees it.
-        skin: The taxels it touches.
+        skin: The taxels it touches; None: none.
         home: (n,) rest posture of the whole robot.
         kinematics: Of ``felt_robot``, by the chosen backend.
         source: The configuration it was made from.
@@ -68,7 +68,7 @@ class Embodiment:
     joints: tuple[str, ...]
     hand: Hand
     camera: Camera
-    skin: Skin
+    skin: Skin | None
     home: Float[Tensor, "n"]
     kinematics: RobotKinematics
     source: bytes
@@ -89,7 +89,7 @@ class Embodiment:
     @property
     def m(self) -> int:
         """Number of coordinates of a hand image."""
-        return 2
+        return self.camera.model.m
 
     @cached_property
     def felt_home(self) -> Float[Tensor, "p"]:
@@ -108,6 +108,16 @@ class Embodiment:
     @cached_property
     def _columns(self) -> Tensor:
         return torch.tensor([self.robot.joint_index(name) for name in self.joints], dtype=torch.long)
+
+    def require_skin(self) -> Skin:
+        """The skin, for what needs one.
+
+        Raises:
+            NoSkin: There is none.
+        """
+        if self.skin is None:
+            raise NoSkin(self.name)
+        return self.skin
 
     def full_posture(self, q: ArrayLike) -> Float[Tensor, "*batch n"]:
         """Postures of the whole robot, the joints that are not felt at home.
@@ -160,7 +170,7 @@ class Embodiment:
         point = self.hand_in_camera(q)
         if on_invisible == "raise":
             self._refuse_behind(point[..., 2])
-        return self.camera.project(point)
+        return self.camera.model.project(point)
 
     def hand_image_jacobian(self, q: ArrayLike) -> Float[Tensor, "*batch m p"]:
         """How the hand image moves with the felt joints [m/rad]: the analytic truth.
@@ -190,7 +200,7 @@ class Embodiment:
         linear, angular = camera_jacobian[..., :3, :], camera_jacobian[..., 3:, :]
         turned = torch.linalg.cross(away[..., None].expand_as(angular), angular, dim=-2)
         moved = camera_R_root @ (hand_jacobian[..., :3, :] - linear + turned)
-        return self.camera.project_derivative(point) @ moved
+        return self.camera.model.derivative(point) @ moved
 
     def visible(self, q: ArrayLike) -> Bool[Tensor, "*batch"]:
         """Whether the eye sees the hand.
@@ -203,7 +213,9 @@ class Embodiment:
         """
         q = as_postures(q, self.p)
         with torch.no_grad():
-            in_view = self.camera.in_view(self.hand_in_camera(q))
+            in_view = self.camera.model.visible(self.hand_in_camera(q))
+            if self.skin is None:
+                return in_view
             in_skin = self.hand_in_skin(q).reshape(-1, 3).to(torch.float64).numpy()
         eye = np.broadcast_to(self.skin.link_positions[self.skin.eye], in_skin.shape)
         hidden = torch.from_numpy(shapes.blocked(self.skin.shapes, eye, in_skin))
@@ -213,22 +225,23 @@ class Embodiment:
         """The hand's centre in the axes of the skin's link [m]."""
         q = as_postures(q, self.p)
         hand, _, _ = self._point(q, self.hand.link, self.hand.offset)
-        skin, _ = self._pose_and_jacobian(q, self.skin.link)
+        skin, _ = self._pose_and_jacobian(q, self.require_skin().link)
         return (skin[..., :3, :3].transpose(-1, -2) @ (hand - skin[..., :3, 3])[..., None])[..., 0]
 
     # What the hand reaches -------------------------------------------------------------------------------------------
 
     def touch_centres(self, taxels: ArrayLike, distance: float = 0.0) -> Float[Tensor, "count 3"]:
         """Where the hand's centre touches taxels, or is ``distance`` [m] in front of that, in the skin's link [m]."""
+        skin = self.require_skin()
         indices = np.atleast_1d(np.asarray(taxels))
         if indices.dtype.kind not in "iu" or indices.ndim != 1:
             raise InvalidConfig("taxels must be a list of whole numbers")
-        if indices.size and not (indices.min() >= 0 and indices.max() < self.skin.count):
+        if indices.size and not (indices.min() >= 0 and indices.max() < skin.count):
             raise UnknownName(
-                "taxel", int(indices[(indices < 0) | (indices >= self.skin.count)][0]), [f"0 to {self.skin.count - 1}"]
+                "taxel", int(indices[(indices < 0) | (indices >= skin.count)][0]), [f"0 to {skin.count - 1}"]
             )
-        surface, normals = self.skin.link_positions[indices], self.skin.link_normals[indices]
-        return torch.from_numpy(surface + self.hand.radius * normals + distance * self.skin.patch.forward)
+        surface, normals = skin.link_positions[indices], skin.link_normals[indices]
+        return torch.from_numpy(surface + self.hand.radius * normals + distance * skin.patch.forward)
 
     def touch_postures(self, taxels: ArrayLike, distance: float = 0.0) -> Float[Tensor, "count p"]:
         """Postures in which the hand touches taxels, displaced least from home, within the joint limits.
@@ -270,7 +283,7 @@ class Embodiment:
         flat = q.detach().reshape(-1, self.p).to("cpu", torch.float64)
         pose, jacobian = self._pose_and_jacobian(flat, self.hand.link)
         frame, frame_jacobian = self._skin_frame or tuple(
-            part.numpy() for part in self._pose_and_jacobian(flat, self.skin.link)
+            part.numpy() for part in self._pose_and_jacobian(flat, self.require_skin().link)
         )
         position, moved = flat.new_empty(len(flat), 3), flat.new_empty(len(flat), 3, self.p)
         point_in_frame(
@@ -282,7 +295,7 @@ class Embodiment:
     @cached_property
     def _skin_frame(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Pose and Jacobian of the skin's link, one for all postures; None where a felt joint moves it."""
-        fixed = self._fixed_pose(self.skin.link)
+        fixed = self._fixed_pose(self.require_skin().link)
         return None if fixed is None else (fixed[None].numpy(), np.zeros((1, 6, self.p)))
 
     # Inner -----------------------------------------------------------------------------------------------------------
@@ -326,14 +339,17 @@ class Embodiment:
     def _sight(self) -> HandImage | None:
         """What computes image, depth and image Jacobian in one go, where the backend has such a thing."""
         backend: Any = self.kinematics.backend
-        if not hasattr(backend, "hand_image") or backend.robot is not self.felt_robot:
+        model = self.camera.model
+        if not isinstance(model, VirtualScreen) or not hasattr(backend, "hand_image"):
+            return None
+        if backend.robot is not self.felt_robot:
             return None
         return backend.hand_image(
             self.hand.link,
             self.hand.offset.tolist(),
             self.camera.link,
             self.camera.link_T_camera.numpy(),
-            self.camera.screen_distance,
+            model.distance,
         )
 
     def _seen(

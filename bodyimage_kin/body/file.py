@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 
 from bodyimage_kin.backends import Kinematics, kinematics
-from bodyimage_kin.body.camera import Camera
+from bodyimage_kin.body.cameras import Camera, VirtualScreen
 from bodyimage_kin.body.embodiment import Embodiment, Hand
 from bodyimage_kin.body.skin import Patch, Skin
 from bodyimage_kin.errors import InvalidConfig, UnknownName
@@ -163,12 +163,21 @@ def _camera(table: _Table, robot: Robot) -> Camera:
     camera = Camera(
         link=robot.check_link(table.text("link")),
         link_T_camera=torch.from_numpy(transforms.transform(rotation, position)),
-        screen_distance=table.number("screen_distance"),
-        near=table.number("near"),
-        half_angle=math.radians(table.number("half_angle_degrees", below=90.0)),
+        model=_model(table),
     )
     table.refuse_unknown()
     return camera
+
+
+def _model(table: _Table) -> VirtualScreen:
+    kind = table.text("model")
+    if kind != "virtual_screen":
+        raise UnknownName(f"camera model in {table.place}", kind, ["virtual_screen"])
+    return VirtualScreen(
+        distance=table.number("distance"),
+        near=table.number("near"),
+        half_angle=math.radians(table.number("half_angle_degrees", below=90.0)),
+    )
 
 
 def _axes(table: _Table) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:

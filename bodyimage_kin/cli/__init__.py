@@ -61,15 +61,20 @@ class Reproduce:
 class Conform:
     """Hold kinematics libraries against an analytic oracle, law by law, on random robots or given ones.
 
-    Exit status 1 when a law is broken; every failure is reduced to the smallest robot that shows it.
+    Exit status 0 only if every file, library and law named was asked and passed; every failure is reduced to the
+    smallest robot that shows it.
     """
 
     target: Annotated[str | None, tyro.conf.Positional] = None
     """A URDF, a folder of them, or an installed package that has some; nothing: random robots."""
     backend: tuple[str, ...] = ()
-    """Names of backends, or package.module:Class; nothing: every backend installed."""
+    """Names of backends, or package.module:Class, installed or in the current folder; nothing: all of ours."""
+    law: tuple[str, ...] = ()
+    """Names of laws; nothing: all that a library offers and a robot knows."""
     examples: int = 100
     """Cases for each library and law."""
+    tolerance: float = 0.0
+    """Relative error of a library whose values are not exact: 1e-5 for float32, 1e-7 for Jacobians by differences."""
     out: Path | None = None
     """Folder for report.html, report.json and the smallest failing robots."""
 
@@ -82,6 +87,8 @@ class Conform:
             list(self.backend) or None,
             self.examples,
             self.out,
+            laws=self.law or None,
+            tolerance=self.tolerance,
             tell=lambda verdict: print(".", end="", flush=True, file=sys.stderr),
         )
         print(file=sys.stderr)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Mapping
 from typing import Any
 
 from torch import Tensor
 
+from bodyimage_kin._named import named_class
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.estimators import nulls as nulls
 from bodyimage_kin.estimators.analytic import Analytic as Analytic
@@ -120,11 +120,7 @@ def _load(name: str) -> Any:
         return ours[name]
     if ":" not in name:
         raise UnknownName("estimator", name, (*ours, "package.module:Class"))
-    module, _, attribute = name.partition(":")
-    try:
-        return getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError, TypeError) as problem:
-        raise InvalidConfig(f"cannot load estimator {name!r}: {problem}; give 'package.module:Class'") from problem
+    return named_class("estimator", name, ("fit",))
 
 
 def learned_from_arrays(kind: str, arrays: Mapping[str, Tensor]) -> LearnedJacobian:

@@ -83,7 +83,7 @@ class Chain:
             signs[:, None] * matrix[rows],
             signs * constant[rows],
             torch.tensor([joint.kind != "prismatic" for joint, _, _ in ways]),
-            body.camera.screen_distance,
+            body.camera.screen.distance,
         )
 
     def with_geometry(self, parameters: Float[Tensor, "parameters"]) -> Chain:

@@ -64,7 +64,7 @@ def seen_circle(body: Embodiment, q: ArrayLike, *, view: View | None = None) -> 
         in_camera = body.hand_in_camera(felt).numpy()
     root_T_camera = camera.numpy()
     surface = posed(body, postures[0], body.robot.link_names)
-    h_z = body.camera.screen_distance
+    h_z = body.camera.screen.distance
     landmarks = _landmark_images(body, root_T_camera, felt[0])
     half = 1.25 * float(np.abs(np.stack([*images, *landmarks.values()])).max())
     corners = _in_root(root_T_camera, np.array([[-half, -half], [half, -half], [half, half], [-half, half]]), h_z)
@@ -150,17 +150,22 @@ def _landmark_images(
     body: Embodiment, root_T_camera: Float[np.ndarray, "4 4"], q: torch.Tensor
 ) -> dict[str, Float[np.ndarray, "2"]]:
     """Where the hand's image would be while it touches each landmark [m]; those that have none are left out."""
-    if not body.skin.landmarks:
+    if not body.require_skin().landmarks:
         return {}
     with torch.no_grad():
         camera_T_skin = torch.from_numpy(
-            np.linalg.solve(root_T_camera, body.kinematics.pose(q, body.skin.link).numpy())
+            np.linalg.solve(root_T_camera, body.kinematics.pose(q, body.require_skin().link).numpy())
         )
         centres = (
-            body.touch_centres(list(body.skin.landmarks.values())) @ camera_T_skin[:3, :3].T + camera_T_skin[:3, 3]
+            body.touch_centres(list(body.require_skin().landmarks.values())) @ camera_T_skin[:3, :3].T
+            + camera_T_skin[:3, 3]
         )
-        images = body.camera.project(centres).numpy()
-    return {name: image for name, image in zip(body.skin.landmarks, images, strict=True) if np.isfinite(image).all()}
+        images = body.camera.model.project(centres).numpy()
+    return {
+        name: image
+        for name, image in zip(body.require_skin().landmarks, images, strict=True)
+        if np.isfinite(image).all()
+    }
 
 
 def _turns(
@@ -252,14 +257,14 @@ def _once_round(in_camera: Float[np.ndarray, "time 3"]) -> int:
 
 
 def _clearest(body: Embodiment, surface: Surface, centres: Float[np.ndarray, "time 3"]) -> View:
-    middle = body.skin.positions.numpy().mean(0)
+    middle = body.require_skin().positions.numpy().mean(0)
     views = [View.around(middle, azimuth=facing(body) + turn, elevation=14) for turn in (-58, 58)]
     return min(views, key=lambda view: int(hidden(centres, surface, view).sum()))
 
 
 def _window(body: Embodiment, surface: Surface, view: View, points: Float[np.ndarray, "points 3"]) -> Window:
     """The skin's link, the hand's, the points, and some of what is below them."""
-    shown = [surface.link_names.index(link) for link in (body.skin.link, body.hand.link)]
+    shown = [surface.link_names.index(link) for link in (body.require_skin().link, body.hand.link)]
     drawn = surface.corners[np.isin(surface.links, shown)].reshape(-1, 3)
     flat = project(np.concatenate([drawn, points]), view)[0]
     (left, bottom), (right, top) = flat.min(0), flat.max(0)

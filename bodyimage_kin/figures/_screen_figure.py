@@ -48,8 +48,12 @@ def virtual_screen(body: Embodiment, postures: Mapping[str, ArrayLike] | None = 
         Unreachable: The reference taxel, when that is what is drawn.
     """
     if postures is None:
-        touching = body.touch_postures([body.skin.reference])[0]
-        named = [style.label(name) for name, taxel in body.skin.landmarks.items() if taxel == body.skin.reference]
+        touching = body.touch_postures([body.require_skin().reference])[0]
+        named = [
+            style.label(name)
+            for name, taxel in body.require_skin().landmarks.items()
+            if taxel == body.require_skin().reference
+        ]
         postures = {f"touching the {(*named, 'reference taxel')[0]}": touching, "in view": body.felt_home}
     if not 0 < len(postures) <= len(_HANDS):
         raise InvalidPosture(f"{len(postures)} postures; give one or two to draw")
@@ -57,7 +61,7 @@ def virtual_screen(body: Embodiment, postures: Mapping[str, ArrayLike] | None = 
     with torch.no_grad():
         hands = {name: body.hand_in_camera(posture).numpy() * _MM for name, posture in q.items()}
         images = {name: body.hand_image(posture).numpy() * _MM for name, posture in q.items()}
-    h_z = body.camera.screen_distance * _MM
+    h_z = body.camera.screen.distance * _MM
     # Depth one axis, x or y the other; both sections share the scale.
     reach = 1.1 * max(hand[2] + body.hand.radius * _MM for hand in hands.values())
     aside = max(float(np.abs(hand[:2]).max()) for hand in hands.values()) + 1.6 * body.hand.radius * _MM
@@ -80,13 +84,13 @@ def virtual_screen(body: Embodiment, postures: Mapping[str, ArrayLike] | None = 
         axes.tick_params(labelleft=True)
     handles: list[Any] = [
         Line2D([], [], **_SCREEN, label="virtual screen, z = $h_z$"),
-        Line2D([], [], **_NEAR, label=f"near plane, z = {body.camera.near * _MM:g} mm"),
+        Line2D([], [], **_NEAR, label=f"near plane, z = {body.camera.screen.near * _MM:g} mm"),
         Patch(
             facecolor=_CONE,
             edgecolor="0.6",
-            label=f"in view: beyond it, within {np.degrees(body.camera.half_angle):.0f}\N{DEGREE SIGN} of z",
+            label=f"in view: beyond it, within {np.degrees(body.camera.screen.half_angle):.0f}\N{DEGREE SIGN} of z",
         ),
-        Patch(facecolor=_SKIN, edgecolor="black", label=f"{style.label(body.skin.link)}, section"),
+        Patch(facecolor=_SKIN, edgecolor="black", label=f"{style.label(body.require_skin().link)}, section"),
         Line2D([], [], marker="o", markersize=2.2, color="black", linestyle="", label="taxels near the section"),
         Line2D([], [], marker="X", markersize=4.5, color="0.35", linestyle="", label="image of the hand on the screen"),
     ]
@@ -116,8 +120,8 @@ def _scene(
     aside: float,
 ) -> None:
     """Skin, cone, near plane, screen and optical centre in the section where the other image axis is 0."""
-    camera = body.camera
-    h_z, near, slope = camera.screen_distance * _MM, camera.near * _MM, np.tan(camera.half_angle)
+    screen = body.camera.screen
+    h_z, near, slope = screen.distance * _MM, screen.near * _MM, np.tan(screen.half_angle)
     far = depths[1]
     cone = [(near, -near * slope), (far, -far * slope), (far, far * slope), (near, near * slope)]
     axes.add_patch(Polygon(cone, facecolor=_CONE, edgecolor="none", zorder=0))
@@ -150,24 +154,26 @@ def _section(axes: Axes, body: Embodiment, camera_T_skin: Float[np.ndarray, "4 4
         return (starts - origin) @ rotation, np.broadcast_to([0.0, 0.0, -ahead], starts.shape) @ rotation
 
     everywhere = np.linspace(-1.05 * aside, 1.05 * aside, _COARSE)
-    met = everywhere[np.isfinite(cast(body.skin.shapes, *crossings(everywhere, 1.0))[0]).all(1)]
+    met = everywhere[np.isfinite(cast(body.require_skin().shapes, *crossings(everywhere, 1.0))[0]).all(1)]
     if len(met) == 0:
         return
     # Lines lie close where the outline turns away from them.
     across = (met[0] + met[-1]) / 2 - (met[-1] - met[0]) / 2 * np.cos(np.linspace(0, np.pi, _LINES))
-    for shape in body.skin.shapes:
+    for shape in body.require_skin().shapes:
         enter, leave = shape.crossing(*crossings(across, 1.0))
         front, back = (np.where(enter <= leave, (1.0 - t) * _MM, np.nan) for t in (enter, leave))
         axes.fill_betweenx(across, back, front, color=_SKIN, linewidth=0, zorder=1)
     front, back = (
-        (cast(body.skin.shapes, *crossings(across, ahead))[0] @ rotation.T + origin)[:, 2] * _MM
+        (cast(body.require_skin().shapes, *crossings(across, ahead))[0] @ rotation.T + origin)[:, 2] * _MM
         for ahead in (1.0, -1.0)
     )
     outline: dict[str, Any] = {"color": "black", "linewidth": 0.9, "zorder": 2}
     axes.plot(front, across, **outline, label="profile")
     axes.plot([front[0], *back, front[-1]], [across[0], *across, across[-1]], **outline)
-    taxels = (body.skin.link_positions @ rotation.T + origin) * _MM
-    spacing = max(np.divide(body.skin.patch.size, np.maximum(np.subtract(body.skin.shape, 1), 1))) * _MM
+    taxels = (body.require_skin().link_positions @ rotation.T + origin) * _MM
+    spacing = (
+        max(np.divide(body.require_skin().patch.size, np.maximum(np.subtract(body.require_skin().shape, 1), 1))) * _MM
+    )
     near = taxels[np.abs(taxels[:, 1 - axis]) <= 0.5 * spacing]
     axes.plot(near[:, 2], near[:, axis], "o", color="black", markersize=1.8, zorder=4, label="taxels")
 
@@ -266,5 +272,5 @@ def _numbers(name: str, hand: Float[np.ndarray, "3"], image: Float[np.ndarray, "
 def _skin_in_camera(body: Embodiment, q: torch.Tensor) -> Float[np.ndarray, "4 4"]:
     with torch.no_grad():
         root_T_camera = body.kinematics.pose(q, body.camera.link).numpy() @ body.camera.link_T_camera.numpy()
-        root_T_skin = body.kinematics.pose(q, body.skin.link).numpy()
+        root_T_skin = body.kinematics.pose(q, body.require_skin().link).numpy()
     return np.linalg.solve(root_T_camera, root_T_skin)

@@ -16,7 +16,7 @@ def felt_links(body: Embodiment) -> tuple[str, ...]:
     moved = [
         link
         for link in body.robot.link_names
-        if link == body.skin.link or any(joint.name in body.joints for joint in body.robot.path(link))
+        if link == body.require_skin().link or any(joint.name in body.joints for joint in body.robot.path(link))
     ]
     return tuple(moved)
 
@@ -29,5 +29,5 @@ def posed(body: Embodiment, q: ArrayLike | None, links: Iterable[str]) -> Surfac
 
 def facing(body: Embodiment) -> float:
     """The azimuth that the face looks to, the robot at home [degrees]."""
-    forward = body.skin.root_T_link[:3, :3].numpy() @ body.skin.patch.forward
+    forward = body.require_skin().root_T_link[:3, :3].numpy() @ body.require_skin().patch.forward
     return float(np.degrees(np.arctan2(forward[1], forward[0])))

@@ -160,7 +160,7 @@ def face(body: Embodiment) -> Figure:
     Raises:
         InvalidGeometry: Visuals that cannot be read.
     """
-    skin = body.skin
+    skin = body.require_skin()
     surface = posed(body, body.felt_home, (skin.link,))
     figure = style.new_figure(style.DOUBLE_COLUMN, 3.75)
     azimuth, elevation = facing(body), _elevation(body)
@@ -198,16 +198,19 @@ _HALO = [withStroke(linewidth=3, foreground="white")]
 
 
 def _taxels(axes: Axes, body: Embodiment, flat: Float[np.ndarray, "taxels 2"], covered: np.ndarray) -> None:
-    numbered = np.arange(body.skin.count).reshape(body.skin.shape)
+    numbered = np.arange(body.require_skin().count).reshape(body.require_skin().shape)
     marked = {
-        name: numbered[within_one(name, taxel, body.skin.shape)].ravel() for name, taxel in body.skin.landmarks.items()
+        name: numbered[within_one(name, taxel, body.require_skin().shape)].ravel()
+        for name, taxel in body.require_skin().landmarks.items()
     }
     plain = np.setdiff1d(numbered.ravel(), np.concatenate([np.empty(0, int), *marked.values()]))
     style.dots(axes, flat[plain[~covered[plain]]], size=1.6, color="0.1", zorder=2)
     for name, taxels in marked.items():
         look = style.landmark(name) | {"markersize": 4.2, "zorder": 3}
         axes.plot(*flat[taxels[~covered[taxels]]].T, **look, label=name)
-    axes.plot(*flat[body.skin.reference], **_RING, markersize=9, zorder=4, label="reference", path_effects=_HALO)
+    axes.plot(
+        *flat[body.require_skin().reference], **_RING, markersize=9, zorder=4, label="reference", path_effects=_HALO
+    )
 
 
 def _joint_axes(axes: Axes, body: Embodiment, view: View, window: Window, *, named: bool) -> None:
@@ -298,7 +301,7 @@ def _clearest(body: Embodiment, drawn: Sequence[Surface], hands: Float[np.ndarra
 
 def _elevation(body: Embodiment) -> float:
     """How steeply the face looks up, the robot at home [degrees]."""
-    forward = body.skin.root_T_link[:3, :3].numpy() @ body.skin.patch.forward
+    forward = body.require_skin().root_T_link[:3, :3].numpy() @ body.require_skin().patch.forward
     elevation = float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1))))
     if abs(elevation) > 80:
         raise InvalidConfig(f"the skin looks {elevation:.0f} degrees up; only upright faces are drawn")

@@ -159,7 +159,7 @@ def table_1(
 
     Args:
         gamma: Of the tactile map's kernel, ``BodyImage.config["gamma"]``.
-        screen_distance: h_z, ``body.camera.screen_distance`` [m].
+        screen_distance: h_z, ``body.camera.screen.distance`` [m].
         quiet: The network as it learned without noise; None: not run.
         noisy: The network as it learned with noise; None: not run.
         noise: The drag whose random torque was the noise; None: no noise.

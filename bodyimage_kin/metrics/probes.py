@@ -98,7 +98,7 @@ def _training_postures(training: xr.Dataset) -> Float[np.ndarray, "postures p"]:
 # The same for every recording and estimator of an embodiment, so a worker finds them once.
 @lru_cache(maxsize=8)
 def _face(body: Embodiment, distance: float) -> Float[Tensor, "postures p"]:
-    return body.touch_postures(np.arange(body.skin.count), distance)
+    return body.touch_postures(np.arange(body.require_skin().count), distance)
 
 
 @lru_cache(maxsize=8)
@@ -109,7 +109,7 @@ def _joint_space(body: Embodiment, count: int, seed: int) -> Float[Tensor, "post
     draws = 2 * count
     while len(seen) < count and len(drawn) < count * _DRAWS:
         drawn = body.felt_robot.sample(min(draws, count * _DRAWS), seed=seed)
-        seen = drawn[_in_chunks(body.hand_in_camera, drawn)[:, 2] >= body.camera.near]
+        seen = drawn[_in_chunks(body.hand_in_camera, drawn)[:, 2] >= body.camera.screen.near]
         draws = 1 + int(1.1 * draws * count / max(1, len(seen)))
     if len(seen) < count:
         raise NotVisible(

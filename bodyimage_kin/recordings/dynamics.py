@@ -195,7 +195,7 @@ class _Controls:
     def __init__(self, body: Embodiment, motion: Motion, settings: DragSettings, steps: int) -> None:
         targets = motion.centres
         if motion.press:
-            _, normals, _ = nearest_on_shapes(body.skin.shapes, targets)
+            _, normals, _ = nearest_on_shapes(body.require_skin().shapes, targets)
             targets = targets - settings.press * normals
         velocity = np.gradient(targets, settings.step, axis=0) if len(targets) > 1 else np.zeros_like(targets)
         # MuJoCo's force is k (control - x) - d v.

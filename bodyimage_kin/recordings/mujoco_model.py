@@ -99,9 +99,11 @@ def build(
     follower = next((joint.name for joint in robot.tree.joints if joint.mimic is not None), None)
     if follower is not None:
         raise InvalidConfig(f"dynamics: joint '{follower}' follows a felt joint; use an embodiment without such joints")
-    if any(joint.kind != "fixed" for joint in body.felt_robot.path(body.skin.link)):
+    if any(joint.kind != "fixed" for joint in body.felt_robot.path(body.require_skin().link)):
         # A target that moved with the skin would push the skin away by the force on the hand.
-        raise InvalidConfig(f"dynamics: a felt joint moves the skin's link '{body.skin.link}'; feel others only")
+        raise InvalidConfig(
+            f"dynamics: a felt joint moves the skin's link '{body.require_skin().link}'; feel others only"
+        )
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
@@ -120,9 +122,9 @@ def build(
     contact = {"condim": 3 if friction else 1, "friction": [friction, 0.0, 0.0], "solref": [CONTACT_TIME, 1.0]}
     sphere = [body.hand.radius, 0.0, 0.0]
     carrier.add_geom(name="hand", type=_GEOMS["sphere"], size=sphere, pos=centre, contype=1, conaffinity=0, **contact)
-    carrier, body_T_link = places[body.skin.link]
+    carrier, body_T_link = places[body.require_skin().link]
     carrier.add_site(name="skin", pos=body_T_link[:3, 3], quat=_quaternion(body_T_link))
-    for shape in body.skin.shapes:
+    for shape in body.require_skin().shapes:
         _add_shape(carrier, shape, body_T_link, contype=0, conaffinity=1, **contact)
 
     for axis in range(3):

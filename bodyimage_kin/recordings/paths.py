@@ -58,8 +58,8 @@ def circle(
         speed: [m/s].
         sampling: Time between samples [s].
     """
-    patch = body.skin.patch
-    middle = (body.skin.shape[0] // 2) * body.skin.shape[1] + body.skin.shape[1] // 2
+    patch = body.require_skin().patch
+    middle = (body.require_skin().shape[0] // 2) * body.require_skin().shape[1] + body.require_skin().shape[1] // 2
     centre = body.touch_centres([middle], distance)[0].numpy()
     way = 2 * np.pi * turns
     duration = way * radius / speed
@@ -88,9 +88,9 @@ def face_tour(body: Embodiment, *, landmarks: Sequence[str], speed: float, sampl
     if len(landmarks) < 2:
         raise InvalidConfig("landmarks: a tour visits two or more")
     for name in landmarks:
-        if name not in body.skin.landmarks:
-            raise UnknownName("landmark", name, body.skin.landmarks)
-    stops = body.skin.coordinates(np.array([body.skin.landmarks[name] for name in landmarks]))
+        if name not in body.require_skin().landmarks:
+            raise UnknownName("landmark", name, body.require_skin().landmarks)
+    stops = body.require_skin().coordinates(np.array([body.require_skin().landmarks[name] for name in landmarks]))
     timeline = _Timeline(body, speed)
     for start, end in itertools.pairwise(stops):
         timeline.stroke(start, end, lambda s: 10 * s**3 - 15 * s**4 + 6 * s**5)
@@ -121,7 +121,7 @@ def random_touch(
         rest: How long it rests at the reference [s].
         sampling: Time between samples [s].
     """
-    reference = body.skin.coordinates(np.array([body.skin.reference]))[0]
+    reference = body.require_skin().coordinates(np.array([body.require_skin().reference]))[0]
     timeline = _Timeline(body, speed)
     timeline.rest(reference, rest)
     here, next_reset = reference, reset_interval
@@ -132,7 +132,7 @@ def random_touch(
             here = reference
             next_reset += reset_interval * max(1, np.ceil((timeline.clock - next_reset) / reset_interval))
             continue
-        target = body.skin.coordinates(rng.integers(body.skin.count, size=1))[0]
+        target = body.require_skin().coordinates(rng.integers(body.require_skin().count, size=1))[0]
         timeline.stroke(here, target)
         here = target
     return timeline.sampled(sampling, duration - sampling / 2)
@@ -174,7 +174,7 @@ class _Timeline:
 
     def centres(self, coordinates: Coordinates) -> Float[np.ndarray, "count 3"]:
         """Centres of a hand that touches the skin at these coordinates."""
-        points, normals = self.body.skin.surface(coordinates)
+        points, normals = self.body.require_skin().surface(coordinates)
         return points + self.body.hand.radius * normals
 
     def sampled(self, sampling: float, end: float) -> Path:

@@ -287,7 +287,7 @@ def _lead(body: Embodiment, config: Mapping[str, Any], stream: Stream) -> _Moved
     q = follow(body, way.centres, _rest(body, config, stream), float(pull))
     with torch.no_grad():
         in_skin = body.hand_in_skin(torch.from_numpy(q)).numpy()
-    return _Moved(q, way.at_reference, _look(body, config, q), body.skin.touched(in_skin, body.hand.radius))
+    return _Moved(q, way.at_reference, _look(body, config, q), body.require_skin().touched(in_skin, body.hand.radius))
 
 
 def _drag(body: Embodiment, trials: Sequence[tuple[Mapping[str, Any], Stream]], threads: int | None) -> list[_Moved]:
@@ -306,8 +306,8 @@ def _drag(body: Embodiment, trials: Sequence[tuple[Mapping[str, Any], Stream]], 
     for way, q in zip(ways, drag(body, motions, settings, sampling=config["sampling"], threads=threads), strict=True):
         with torch.no_grad():
             in_skin = body.hand_in_skin(torch.from_numpy(q)).numpy()
-        contacts = find_contacts(body.skin, in_skin, body.hand.radius, settings.tolerance)
-        taxel = touched_taxels(body.skin, contacts)
+        contacts = find_contacts(body.require_skin(), in_skin, body.hand.radius, settings.tolerance)
+        taxel = touched_taxels(body.require_skin(), contacts)
         moved.append(_Moved(q, way.at_reference[::every], body.visible(q).numpy(), taxel))
     return moved
 
@@ -315,7 +315,7 @@ def _drag(body: Embodiment, trials: Sequence[tuple[Mapping[str, Any], Stream]], 
 def _check_view(body: Embodiment, config: Mapping[str, Any], centres: Sequence[np.ndarray]) -> None:
     """Refuses an embodiment whose eye does not see what it should on the paths themselves, which no force leaves."""
     if config["kind"] == "random_touch":
-        _look(body, config, body.touch_postures(np.arange(body.skin.count)).numpy())
+        _look(body, config, body.touch_postures(np.arange(body.require_skin().count)).numpy())
         return
     for path in centres:
         q, reached = body.reach(torch.from_numpy(path))
@@ -355,7 +355,7 @@ def _note(
         silent = for_silence.random(len(one.q)) < config.get("silence", 0.0)
         taxel[trial, here] = np.where(silent, -1, one.taxel)
     with torch.no_grad():
-        reference_image = body.hand_image(body.touch_postures([body.skin.reference]))[0].numpy()
+        reference_image = body.hand_image(body.touch_postures([body.require_skin().reference]))[0].numpy()
     return make_recording(
         body,
         q=q,

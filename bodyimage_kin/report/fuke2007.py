@@ -135,7 +135,7 @@ def _table_1(body: Embodiment) -> tuple[specification.Parameter, ...]:
     quiet, noisy = (condition for condition in CONDITIONS if condition.paper)
     return specification.table_1(
         gamma=fuke2007.GAMMA,
-        screen_distance=body.camera.screen_distance,
+        screen_distance=body.camera.screen.distance,
         quiet=quiet.network,
         noisy=noisy.network,
         noise=noisy.motion.drag,
@@ -175,8 +175,8 @@ def _sentences(groups: Mapping[str, Sequence[Cell]], summary: Mapping[str, Any])
 def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Picture]:
     """Every figure, in the order of the page."""
     noise_free, noisy = (groups[name][0] for name in _PAPER)
-    touched = body.robot.named(body.full_posture(body.touch_postures([body.skin.landmarks["nose"]])[0]))
-    landmarks = dict(body.skin.landmarks)
+    touched = body.robot.named(body.full_posture(body.touch_postures([body.require_skin().landmarks["nose"]])[0]))
+    landmarks = dict(body.require_skin().landmarks)
     perfect = fuke2007.true_map(body)
     places = {name: perfect.reshape(-1, body.m)[taxel] for name, taxel in landmarks.items()}
     many = list(groups[_PAPER[-1]])
@@ -186,7 +186,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
             "robot",
             "first",
             lambda: figures.touching_face(
-                body.robot, touched, body.skin.positions.numpy(), landmarks, noise_free.circle_position
+                body.robot, touched, body.require_skin().positions.numpy(), landmarks, noise_free.circle_position
             ),
             "The robot touches its own face",
             "Drawn from the URDF's own geometry. The circle is what the hand does in view, where the Jacobian is "

@@ -82,7 +82,7 @@ def lesson(body: Embodiment, training: xr.Dataset, touch: xr.Dataset, seed: int)
     if not (taxel >= 0).any():
         raise InvalidRecording("the hand never felt a touch, so there is nothing to map; let touch.duration be longer")
     som = PostureSOM.fit(q[taxel >= 0], POSTURE_GRID, seed)
-    return Lesson(felt, body.skin.shape, seen_range(training), som)
+    return Lesson(felt, body.require_skin().shape, seen_range(training), som)
 
 
 def seen_range(training: xr.Dataset) -> Float[np.ndarray, "m 2"]:
@@ -96,8 +96,8 @@ def seen_range(training: xr.Dataset) -> Float[np.ndarray, "m 2"]:
 def true_map(body: Embodiment) -> Float[np.ndarray, "rows columns m"]:
     """Where the hand's image is while it touches each taxel [m]: what a perfect map holds."""
     with torch.no_grad():
-        image = body.hand_image(body.touch_postures(np.arange(body.skin.count)))
-    return image.numpy().reshape(*body.skin.shape, body.m)
+        image = body.hand_image(body.touch_postures(np.arange(body.require_skin().count)))
+    return image.numpy().reshape(*body.require_skin().shape, body.m)
 
 
 def direct_facts(body: Embodiment, training: xr.Dataset, touch: xr.Dataset, seeds: Sequence[int]) -> xr.Dataset:
@@ -165,7 +165,7 @@ def scores(
         seeds: One for each of the first maps, those of the facts.
     """
     som = PostureSOM(facts["posture_units"].values, facts["posture_scale"].values)
-    ground = Lesson(experience(touch), body.skin.shape, seen_range(training), som)
+    ground = Lesson(experience(touch), body.require_skin().shape, seen_range(training), som)
     truth, found = true_map(body), []
     for index, seed in enumerate(seeds):
         learned = ground.learn(hand, seed)

@@ -7,7 +7,6 @@ that a result says all of how it came about.
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import inspect
 import math
 import re
@@ -15,6 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
 from bodyimage_kin import estimators
+from bodyimage_kin._named import named_class
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.recordings import simulate
 from bodyimage_kin.recordings.dynamics import DragSettings
@@ -182,14 +182,7 @@ def _class(name: str) -> type[Any]:
         if name not in estimators.names():
             raise UnknownName("estimator", name, (*estimators.names(), "package.module:Class"))
         return getattr(estimators, name)
-    module, _, attribute = name.partition(":")
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as problem:
-        raise InvalidConfig(f"estimator {name}: {problem}") from None
-    if not isinstance(found, type):
-        raise InvalidConfig(f"estimator {name} is no class")
-    return found
+    return named_class("estimator", name, ("fit",))
 
 
 def wants_body(value: Any) -> bool:

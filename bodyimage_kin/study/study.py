@@ -169,7 +169,7 @@ class Study:
             "config": self.table(),
             "urdf_sha256": {name: body.robot.sha256 for name, body in bodies.items()},
             "embodiment_sha256": {name: body.sha256 for name, body in bodies.items()},
-            "skin_shape": {name: list(body.skin.shape) for name, body in bodies.items()},
+            "skin_shape": {name: list(body.require_skin().shape) for name, body in bodies.items()},
         }
 
     def run(

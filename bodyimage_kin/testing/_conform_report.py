@@ -7,14 +7,15 @@ import importlib.metadata
 import json
 import math
 import platform
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from bodyimage_kin._files import write_text
 from bodyimage_kin.testing._spec import Case
 
-Status = Literal["passed", "failed", "not offered"]
+Status = Literal["passed", "failed", "not offered", "not asked"]
 
 _PACKAGES = ("bodyimage-kin", "hypothesis", "numpy", "torch", "pin", "pytorch-kinematics", "mujoco", "yourdfpy")
 _PAGE = """<!doctype html>
@@ -24,7 +25,8 @@ body {{ font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 75re
 table {{ border-collapse: collapse; }} th, td {{ padding: .3rem .7rem; text-align: left; vertical-align: top; }}
 thead th {{ border-bottom: 2px solid #222; }} tbody tr {{ border-bottom: 1px solid #ddd; }}
 .passed {{ background: #e3f2e6; }} .failed {{ background: #f9dcd8; font-weight: 600; }}
-.not-offered {{ color: #666; font-style: italic; }} pre {{ background: #f5f5f5; padding: .7rem; overflow-x: auto; }}
+.not-offered, .not-asked {{ color: #666; font-style: italic; }}
+pre {{ background: #f5f5f5; padding: .7rem; overflow-x: auto; }}
 </style></head><body>
 <h1>Conformance</h1>
 <p>{summary}</p>
@@ -66,9 +68,11 @@ class Verdict:
     Attributes:
         backend: The library's name.
         law: The law's name.
-        status: ``"passed"``, ``"failed"`` or ``"not offered"``.
+        status: ``"passed"``, ``"failed"``, ``"not offered"`` (by the library), or ``"not asked"``: there was no case in
+            which the law has anything to say.
         error: The largest error relative to scale; None when there is none to measure.
         bound: The largest error allowed.
+        asked: Number of cases asked.
         detail: What is not offered.
         failures: The ways in which it is broken: wrong numbers, then what is raised.
     """
@@ -78,6 +82,7 @@ class Verdict:
     status: Status
     error: float | None
     bound: float
+    asked: int = 0
     detail: str = ""
     failures: tuple[Failure, ...] = ()
 
@@ -99,6 +104,8 @@ class Report:
         verdicts: Library by library.
         refused: Why a file was not read, by name.
         robots: Number of files that were; 0 for random robots.
+        named: The laws that were asked for by name; without one, every law is asked that a library and a robot know.
+        tolerance: What was allowed beyond rounding (:meth:`Law.within`); 0 for nothing.
     """
 
     target: str
@@ -106,6 +113,8 @@ class Report:
     verdicts: tuple[Verdict, ...]
     refused: dict[str, str]
     robots: int
+    named: tuple[str, ...] = ()
+    tolerance: float = 0.0
 
     @property
     def failures(self) -> tuple[Verdict, ...]:
@@ -113,19 +122,37 @@ class Report:
         return tuple(verdict for verdict in self.verdicts if verdict.status == "failed")
 
     @property
+    def shortcomings(self) -> tuple[str, ...]:
+        """Why the exit status is 1: all that was named and not asked, or asked and not passed, a line for each."""
+        lines = [f"refused {name}: {reason}" for name, reason in self.refused.items()]
+        for backend in dict.fromkeys(verdict.backend for verdict in self.verdicts):
+            verdicts = [verdict for verdict in self.verdicts if verdict.backend == backend]
+            lines += [
+                f"{backend}: {verdict.law}: {failure}"
+                for verdict in verdicts
+                if verdict.status == "failed"
+                for failure in verdict.failures
+            ]
+            if all(verdict.status not in ("passed", "failed") for verdict in verdicts):
+                lines.append(f"{backend}: nothing was asked")
+            else:
+                silent = [verdict for verdict in verdicts if verdict.status.startswith("not ")]
+                lines += [f"{backend}: {one.law}: {one.status}" for one in silent if one.law in self.named]
+        return tuple(lines)
+
+    @property
     def exit_status(self) -> int:
-        """0 when no law is broken and something was tested, else 1."""
-        nothing = not any(verdict.status == "passed" for verdict in self.verdicts)
-        return int(bool(self.failures) or nothing or (bool(self.refused) and not self.robots))
+        """0 only if all that was named (files, libraries, laws) was asked and passed, else 1."""
+        return int(bool(self.shortcomings) or not self.verdicts)
 
     @property
     def summary(self) -> str:
         """What was done and found, in one line."""
         robots = f"{self.robots} robots, {len(self.refused)} refused, " if self.robots or self.refused else ""
-        return (
-            f"{self.target}: {robots}{self.examples} examples a library and law, "
-            f"{len(self.failures)} of {len(self.verdicts)} broken"
-        )
+        within = f", tolerance {self.tolerance:g}" if self.tolerance else ""
+        found = Counter(verdict.status for verdict in self.verdicts)
+        said = ", ".join(f"{found[status]} {status}" for status in get_args(Status) if found[status])
+        return f"{self.target}: {robots}{self.examples} examples a library and law{within}: {said or 'nothing asked'}"
 
     def __str__(self) -> str:
         backends = list(dict.fromkeys(verdict.backend for verdict in self.verdicts))
@@ -135,19 +162,19 @@ class Report:
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in table
         ]
         lines.insert(1, "  ".join("-" * width for width in widths))
-        for verdict in self.failures:
-            lines += [f"{verdict.backend}: {verdict.law}: {failure}" for failure in verdict.failures]
-        lines += [f"refused {name}: {reason}" for name, reason in self.refused.items()]
-        return "\n".join([*lines, self.summary])
+        return "\n".join([*lines, *self.shortcomings, self.summary])
 
     def to_json(self) -> dict[str, Any]:
         """Everything, as plain data; an error that is infinite is the string ``"inf"``, as JSON has no such number."""
         return {
             "target": self.target,
             "examples": self.examples,
+            "tolerance": self.tolerance,
+            "laws_named": list(self.named),
             "robots": self.robots,
             "refused": self.refused,
             "exit_status": self.exit_status,
+            "shortcomings": list(self.shortcomings),
             "versions": _versions(),
             "verdicts": [
                 {
@@ -156,6 +183,7 @@ class Report:
                     "status": verdict.status,
                     "error": "inf" if verdict.error is not None and math.isinf(verdict.error) else verdict.error,
                     "bound": verdict.bound,
+                    "asked": verdict.asked,
                     "detail": verdict.detail,
                     "failures": [
                         {

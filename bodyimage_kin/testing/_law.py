@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +22,8 @@ DIFFERENCES: Final = 1e-9
 """Bound of what is compared with differences of five points: their error is near eps^(4/5), with room for curvature."""
 STEP: Final = 1e-3
 """Distance of the points of a difference [rad or m], before multipliers."""
+_CURVATURE: Final = 10.0
+"""Room for curvature in differences of values that are wrong by a tolerance."""
 
 
 class LawBroken(AssertionError):
@@ -52,7 +54,8 @@ class Law:
         about: What it says, in one line.
         needs: What a library must offer for the law to be asked of it.
         bound: The largest relative error that keeps the law.
-        check: Gives errors relative to scale, by what they are an error of.
+        check: Gives errors relative to scale, by what they are an error of; nothing of a case that has nothing to ask.
+        step: Distance of the points of a difference [rad or m], before multipliers.
     """
 
     name: str
@@ -60,13 +63,28 @@ class Law:
     needs: frozenset[str]
     bound: float
     check: Callable[[Question], dict[str, float]]
+    step: float = STEP
 
     @property
     def __name__(self) -> str:
         return self.name
 
-    def __call__(self, build: Build, case: Case) -> float:
-        """The largest error found, relative to scale.
+    def within(self, tolerance: float) -> Law:
+        """The same law for a library whose values are not exact: float32 inside, or Jacobians by differences.
+
+        Differences are then taken of points farther apart, ``tolerance^(1/5)``, and may be wrong by
+        ``10 tolerance^(4/5)``: what is gained by distance is lost to noise, and the other way round.
+
+        Args:
+            tolerance: The largest relative error of a pose, a Jacobian or a hessian; a law's own bound where that is
+                larger.
+        """
+        if self.bound != DIFFERENCES:
+            return replace(self, bound=max(self.bound, tolerance))
+        return replace(self, bound=max(self.bound, _CURVATURE * tolerance**0.8), step=max(self.step, tolerance**0.2))
+
+    def __call__(self, build: Build, case: Case) -> float | None:
+        """The largest error found, relative to scale; None where the case has nothing to ask.
 
         Args:
             build: Makes the library from a URDF text (see :class:`Library`).
@@ -76,12 +94,14 @@ class Law:
             LawBroken: The error is above the bound.
             NotOffered: The library does not offer what the law is about.
         """
-        question = Question(build, case)
+        question = Question(build, case, self.step)
         missing = sorted(self.needs - question.library.offers)
         if missing:
             raise NotOffered(f"{self.name}: the library does not offer {' and '.join(missing)}")
         found = self.check(question)
-        detail, error = max(found.items(), key=lambda item: item[1], default=("", 0.0))
+        if not found:
+            return None
+        detail, error = max(found.items(), key=lambda item: item[1])
         if error > self.bound:
             raise LawBroken(self.name, case, error, self.bound, detail)
         return error
@@ -94,8 +114,8 @@ LAWS: dict[str, Law] = {}
 class Question:
     """A case and the library built for it."""
 
-    def __init__(self, build: Build, case: Case) -> None:
-        self.build, self.case = build, case
+    def __init__(self, build: Build, case: Case, step: float = STEP) -> None:
+        self.build, self.case, self.step = build, case, step
         self.library = Wrapped(build, case.robot)
         self.q, self.link = case.posture, case.link
 
@@ -123,7 +143,7 @@ class Question:
 
     def steps(self) -> Float[np.ndarray, "n"]:
         """Steps of differences: smaller where followers multiply them."""
-        return np.full(self.case.robot.n, STEP / self.case.gain)
+        return np.full(self.case.robot.n, self.step / self.case.gain)
 
     def evaluated(self, postures: Float[np.ndarray, "postures n"]) -> tuple[np.ndarray, np.ndarray]:
         """Poses and Jacobians of several postures, one call each."""

@@ -1,30 +1,32 @@
 """Conformance: every law asked of every library, on random robots or on yours, with a report.
 
-``bodyimage-kin conform`` calls :func:`conform`. A library is a backend of this package by name, ``"module:Class"`` or
-anything that builds a :class:`Library` of a URDF text. What fails is cut down to the smallest robot and written as a
-URDF that holds link and posture in its last line: give that file as target, and just this is asked again first.
+``bodyimage-kin conform`` calls :func:`conform`. A library is a backend of this package by name,
+``"package.module:Class"`` or anything that builds a :class:`Library` of a URDF text. What fails is cut down to the
+smallest robot and written as a URDF that holds link and posture in its last line: give that file as target, and just
+this is asked again first.
 """
 
 from __future__ import annotations
 
 import hashlib
-import importlib
 import importlib.metadata
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+from bodyimage_kin._checks import choice, number, whole
 from bodyimage_kin._files import write_text
-from bodyimage_kin.errors import InvalidConfig, InvalidURDF, MissingDependency
+from bodyimage_kin._named import named_class
+from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, MissingDependency
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.testing._conform_report import Failure, Report, Verdict
+from bodyimage_kin.testing._conform_report import Failure, Report, Status, Verdict
 from bodyimage_kin.testing._law import LAWS, Law, LawBroken
 from bodyimage_kin.testing._library import Build, NotOffered, OurKinematics, argument
 from bodyimage_kin.testing._reduce import reduced
@@ -44,47 +46,50 @@ def conform(
     out: str | Path | None = None,
     *,
     laws: Iterable[str] | None = None,
+    tolerance: float = 0.0,
     robots: st.SearchStrategy[RobotSpec] = any_robots(),  # noqa: B008  (strategies are immutable and lazy)
     tell: Callable[[Verdict], None] | None = None,
 ) -> Report:
     """Asks every law of every library.
 
     Args:
-        target: None: random robots. A URDF file, a folder of them, or the name of an installed package that has URDFs
-            among its files.
-        backends: Libraries: names of backends, ``"module:Class"`` or what builds a :class:`Library`; a mapping gives
-            them names for the report. None: every backend of this package that is installed.
+        target: None: random robots. A URDF file, a folder of them (``*.urdf`` or ``*.URDF``, at any depth), or the
+            name of an installed package that has URDFs among its files.
+        backends: Libraries: names of backends, ``"package.module:Class"`` (found where it is installed, or in the
+            current folder) or what builds a :class:`Library`; a mapping gives them names for the report. None: every
+            backend of this package that is installed.
         examples: Cases for each library and law: random robots, or links and postures of each file.
         out: Folder for ``report.html``, ``report.json`` and ``failing/*.urdf``; None writes nothing.
-        laws: Names of laws; None: all of them.
+        laws: Names of laws, each to be asked and passed; None: all that a library offers and a robot knows.
+        tolerance: The largest relative error of a library whose values are not exact (:meth:`Law.within`): about 1e-5
+            for one that computes in float32, 1e-7 for Jacobians by central differences.
         robots: Where random robots are drawn from; by default, all that URDF allows.
         tell: Called with each verdict as it falls.
 
     Returns:
-        The report: ``str(report)`` is the table, ``report.exit_status`` is 0 when no law is broken.
+        The report: ``str(report)`` is the table; ``report.exit_status`` is 0 only if all that was named (files,
+        libraries, laws) was asked and passed.
 
     Raises:
-        InvalidConfig: A target, library or law that does not exist, or less than one example.
+        InvalidConfig: A target, library or law that does not exist, or a setting out of its range.
         MissingDependency: A backend that is not installed.
     """
-    if examples < 1:
-        raise InvalidConfig(f"examples is {examples}; give at least 1")
-    asked = list(LAWS) if laws is None else list(laws)
-    if unknown := [name for name in asked if name not in LAWS]:
-        raise InvalidConfig(f"no law {unknown[0]!r}; valid: {', '.join(LAWS)}")
+    examples = whole("examples", examples, least=1)
+    tolerance = number("tolerance", tolerance, least=0.0, below=1.0)
+    named = () if laws is None else tuple(dict.fromkeys(choice("laws", name, LAWS) for name in laws))
+    asked = [LAWS[name].within(tolerance) for name in (LAWS if laws is None else named)]
     libraries = _libraries(backends)
     read, refused = _robots(target)
     asked_on = random_cases(robots, examples) if read is None else read
     verdicts = []
     for name, build in libraries.items():
         for law in asked:
-            verdict = _verdict(name, build, LAWS[law], asked_on, examples, Path(out) if out is not None else None)
+            verdict = _verdict(name, build, law, asked_on, examples, Path(out) if out is not None else None)
             verdicts.append(verdict)
             if tell is not None:
                 tell(verdict)
-    report = Report(
-        str(target) if target is not None else "random robots", examples, tuple(verdicts), refused, len(read or ())
-    )
+    said = str(target) if target is not None else "random robots"
+    report = Report(said, examples, tuple(verdicts), refused, len(read or ()), named, tolerance)
     if out is not None:
         report.write(Path(out))
     return report
@@ -102,23 +107,14 @@ def _libraries(backends: Sequence[str | Build] | Mapping[str, Build] | None) -> 
         if not isinstance(backend, str):
             libraries[getattr(backend, "__name__", repr(backend))] = backend
         elif ":" in backend:
-            libraries[backend] = _load(backend)
+            libraries[backend] = named_class("library", backend, ("pose_and_jacobian", "pose"))
         elif backend not in known():
-            raise InvalidConfig(f"no backend {backend!r}; valid: {', '.join(known())}, 'module:Class'")
+            raise InvalidConfig(f"no backend {backend!r}; valid: {', '.join(known())}, 'package.module:Class'")
         elif known()[backend] != "installed":
             raise MissingDependency(f"backend '{backend}' is not installed; {known()[backend]}")
         else:
             libraries[backend] = partial(OurKinematics, backend=backend)
     return libraries
-
-
-def _load(place: str) -> Build:
-    module, _, attribute = place.partition(":")
-    try:
-        found: Build = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as problem:
-        raise InvalidConfig(f"cannot load library {place!r}: {problem}; give 'module:Class'") from problem
-    return found
 
 
 def _robots(target: Target) -> tuple[dict[str, RobotSpec] | None, dict[str, str]]:
@@ -130,7 +126,7 @@ def _robots(target: Target) -> tuple[dict[str, RobotSpec] | None, dict[str, str]
     for name, path in _files(target):
         try:
             robots[name] = RobotSpec.from_robot(Robot.from_urdf(path))
-        except InvalidURDF as problem:
+        except (BodyImageKinError, OSError) as problem:
             refused[name] = str(problem)
     return robots, refused
 
@@ -142,7 +138,7 @@ def _files(target: str | Path) -> Iterator[tuple[str, Path]]:
         yield place.name, place
         return
     if place.is_dir():
-        found = {str(path.relative_to(place)): path for path in sorted(place.rglob("*.urdf"))}
+        found = {str(path.relative_to(place)): path for path in sorted(place.rglob("*")) if _is_urdf(path)}
     else:
         try:
             files = importlib.metadata.distribution(str(target)).files or []
@@ -150,12 +146,17 @@ def _files(target: str | Path) -> Iterator[tuple[str, Path]]:
             raise InvalidConfig(
                 f"{str(target)!r} is no file, no folder and no installed package; give one of these"
             ) from None
-        found = {str(file): Path(str(file.locate())) for file in sorted(files) if file.suffix == ".urdf"}
+        found = {str(file): Path(str(file.locate())) for file in sorted(files) if _is_urdf(file)}
     if not found:
         raise InvalidConfig(f"{str(target)!r} has no *.urdf among its files; give a place that has")
     for name, path in found.items():
         # Published packages repeat one long prefix before every file.
         yield name.rpartition("/robots/")[2] if "/robots/" in name and not place.exists() else name, path
+
+
+def _is_urdf(path: PurePath) -> bool:
+    # Exporters of CAD programs write .URDF as well.
+    return path.suffix.lower() == ".urdf"
 
 
 @dataclass
@@ -168,17 +169,20 @@ class _Seen:
 
     def ask(self, build: Build, law: Law, case: Case) -> None:
         """Asks on, whatever the library does: one that fails on a robot may be right about others."""
-        self.asked += 1
         try:
             error = law(build, case)
         except NotOffered:
             raise
         except Exception as problem:
+            self.asked += 1
             self.problems.setdefault(_kind(problem), []).append((case, problem))
             if not isinstance(problem, LawBroken):
                 return
             error = problem.error
-        self.worst = max(self.worst or 0.0, error)
+        else:
+            self.asked += error is not None
+        if error is not None:
+            self.worst = max(self.worst or 0.0, error)
 
 
 def _verdict(
@@ -196,11 +200,12 @@ def _verdict(
             for case in drawn:
                 seen.ask(build, law, case)
     except NotOffered as problem:
-        return Verdict(name, law.name, "not offered", None, law.bound, str(problem))
+        return Verdict(name, law.name, "not offered", None, law.bound, detail=str(problem))
     # Wrong numbers first, then what is raised most often.
     kinds = sorted(seen.problems, key=lambda kind: (kind != LawBroken.__name__, -len(seen.problems[kind])))
     failures = tuple(_failure(name, build, law, seen, kind, out) for kind in kinds[:_KINDS_SHOWN])
-    return Verdict(name, law.name, "failed" if failures else "passed", seen.worst, law.bound, failures=failures)
+    status: Status = "failed" if failures else "passed" if seen.asked else "not asked"
+    return Verdict(name, law.name, status, seen.worst, law.bound, seen.asked, failures=failures)
 
 
 def _failure(name: str, build: Build, law: Law, seen: _Seen, kind: str, out: Path | None) -> Failure:

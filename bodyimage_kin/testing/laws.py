@@ -1,9 +1,11 @@
 """The laws of kinematics, one function each: what holds of every robot, posture and link, whatever the library.
 
 A law is called with what builds a library and with a case. It gives the error that it found, relative to the case's
-scale, and raises :class:`LawBroken` when that is above the law's bound::
+scale (None where the case has nothing to ask: a robot without followers), and raises :class:`LawBroken` when that is
+above the law's bound::
 
     laws.pose_equals_oracle(MyLibrary, case)
+    laws.pose_equals_oracle.within(1e-5)(MyLibraryInFloat32, case)
 
 Errors are relative to ``max(1, |q|, reach)`` (:attr:`Case.scale`), times the multipliers of followers for every
 derivative (:attr:`Case.gain`): a robot of ten metres at an angle of a million may be wrong by more than a finger.
@@ -46,6 +48,8 @@ def jacobian_equals_oracle(question: Question) -> dict[str, float]:
 @law("jacobian", bound=DIFFERENCES)
 def jacobian_equals_differences(question: Question) -> dict[str, float]:
     """The Jacobian is the difference of poses."""
+    if not question.case.robot.n:
+        return {}
     pose, jacobian = question.library.pose_and_jacobian(question.q, question.link)
     derivative = differences(lambda q: question.evaluated(q)[0], question.q, question.steps())
     # dR R^T is skew: its three numbers are the angular velocity.
@@ -61,6 +65,8 @@ def off_path_columns_are_zero(question: Question) -> dict[str, float]:
     _, jacobian = question.library.pose_and_jacobian(question.q, question.link)
     on_path = {k for _, k, _, _ in question.case.robot.folded(question.link)}
     off = [column for column in range(question.case.robot.n) if column not in on_path]
+    if not off:
+        return {}
     return {"columns off the path": question.error("jacobian", jacobian[:, off], np.zeros((6, len(off))))}
 
 
@@ -68,6 +74,8 @@ def off_path_columns_are_zero(question: Question) -> dict[str, float]:
 def mimic_is_multiplier_times_column(question: Question) -> dict[str, float]:
     """A follower adds its multiplier times its own column to that of the joint it follows."""
     robot = question.case.robot
+    if all(joint.mimic is None for joint in robot.joints):
+        return {}
     free = robot.freed()
     fold, offset = np.zeros((free.n, robot.n)), np.zeros(free.n)
     for row, name in enumerate(free.joint_names):
@@ -128,6 +136,8 @@ def invariant_under_reordering(question: Question) -> dict[str, float]:
 def invariant_under_axis_scaling(question: Question) -> dict[str, float]:
     """The length of an axis means nothing."""
     robot = question.case.robot
+    if all(joint.kind == "fixed" for joint in robot.joints):
+        return {}
     factors = (3.0, 0.01, 700.0)
     joints = tuple(_longer(joint, factors[index % 3]) for index, joint in enumerate(robot.joints))
     other = Wrapped(question.build, replace(robot, joints=joints, text=None))
@@ -213,7 +223,7 @@ def gradcheck(question: Question) -> dict[str, float]:
     def values(q: torch.Tensor) -> torch.Tensor:
         return _flat(question.library.tensors(q, question.link))
 
-    return {"gradient against differences": _gradient_error(question, values, "hessian")}
+    return _gradient_error("gradient against differences", question, values, "hessian")
 
 
 @law("jacobian", "gradient", bound=DIFFERENCES)
@@ -229,12 +239,14 @@ def gradgradcheck(question: Question) -> dict[str, float]:
         given = torch.autograd.grad(values @ weights, q, create_graph=True, allow_unused=True)[0]
         return torch.zeros_like(q) if given is None else given
 
-    return {"second gradient against differences": _gradient_error(question, gradient, "third")}
+    return _gradient_error("second gradient against differences", question, gradient, "third")
 
 
 @law("jacobian", "hessian", bound=DIFFERENCES)
 def hessian_equals_differences(question: Question) -> dict[str, float]:
     """The hessian is the difference of Jacobians."""
+    if not question.case.robot.n:
+        return {}
     hessian = question.library.hessian(question.q, question.link)
     derivative = differences(lambda q: question.evaluated(q)[1], question.q, question.steps())
     expected = np.moveaxis(derivative, 0, -1)
@@ -262,10 +274,12 @@ def _flat(values: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
     return torch.cat([value.reshape(-1) for value in values])
 
 
-def _gradient_error(question: Question, function: Callable[[torch.Tensor], torch.Tensor], order: str) -> float:
+def _gradient_error(
+    what: str, question: Question, function: Callable[[torch.Tensor], torch.Tensor], order: str
+) -> dict[str, float]:
     """The largest difference between a gradient by torch and by differences, relative to scale."""
-    if question.case.robot.n == 0:
-        return 0.0
+    if not question.case.robot.n:
+        return {}
     q = torch.from_numpy(question.q)
     found = torch.autograd.functional.jacobian(function, q).detach().numpy()  # type: ignore[no-untyped-call]
 
@@ -273,9 +287,8 @@ def _gradient_error(question: Question, function: Callable[[torch.Tensor], torch
         return np.stack([function(posture).detach().numpy() for posture in torch.from_numpy(postures)])
 
     expected = differences(values, question.q, question.steps()).T
-    if order == "hessian":
-        return question.error("hessian", found, expected)
-    return question.error("hessian", found, expected, question.case.gain * len(found))
+    times = 1.0 if order == "hessian" else question.case.gain * len(found)
+    return {what: question.error("hessian", found, expected, times)}
 
 
 def _longer(joint: JointSpec, factor: float) -> JointSpec:

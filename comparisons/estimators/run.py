@@ -71,7 +71,7 @@ def depth_ratio() -> float:
     """How much farther the hand is 3 cm in front of the face than on it: what a learner may be told."""
     body = bk.load_embodiment("infant")
     depth = body.hand_in_camera(body.touch_postures(range(body.skin.count), distance=0.03))[:, 2]
-    return round(float(depth.mean()) / body.camera.screen_distance, 3)
+    return round(float(depth.mean()) / body.camera.screen.distance, 3)
 
 
 def study(name: str, circle: Mapping[str, Any], best: Mapping[str, Mapping[str, Any]], seeds: int) -> bk.Study:

@@ -393,7 +393,7 @@ def test_the_default_is_the_first_that_is_installed():
     [
         ("pinochio", UnknownName, "did you mean 'pinocchio'"),
         ("", UnknownName, "no backend ''"),
-        ("no_such_module:Class", InvalidConfig, "No module named 'no_such_module'; give 'package.module:Class'"),
+        ("no_such_module:Class", InvalidConfig, "No module named 'no_such_module'; put no_such_module.py"),
         ("math:Class", InvalidConfig, "cannot load backend 'math:Class'"),
         (":Class", InvalidConfig, "cannot load backend ':Class'"),
         ("math:pi", InvalidConfig, "'math:pi' has no method pose_and_jacobian"),

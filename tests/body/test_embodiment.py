@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from robots import central, postures
 
 import bodyimage_kin as bk
+from bodyimage_kin.body.cameras import VirtualScreen
 from bodyimage_kin.body.file import embodiment_folder
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidURDF, NotVisible, UnknownName, Unreachable
 from bodyimage_kin.robot import transforms
@@ -64,11 +65,8 @@ def test_the_embodiment_says_what_it_is(body):
     )
     assert (body.p, body.m, body.home.shape) == (5, 2, (body.robot.n,))
     assert (body.hand.link, body.hand.offset.shape, body.hand.radius) == ("left_hand", (3,), 0.02)
-    assert (body.camera.link, body.camera.link_T_camera.shape, body.camera.screen_distance) == (
-        "right_eye",
-        (4, 4),
-        0.04,
-    )
+    assert (body.camera.link, body.camera.link_T_camera.shape) == ("right_eye", (4, 4))
+    assert body.camera.model == VirtualScreen(0.04, near=0.05, half_angle=math.radians(60))
     assert body.skin.shape == (21, 21)
     assert body.skin.positions.shape == body.skin.normals.shape == (441, 3)
     assert set(body.skin.landmarks) == {"left_eye", "right_eye", "nose", "mouth"}
@@ -192,7 +190,8 @@ def test_bad_postures_are_refused(body, q):
 def turned_round(body, **changes):
     """The infant with an eye in the back of its head."""
     turn = torch.from_numpy(transforms.transform(transforms.rpy_matrix((0.0, math.pi, 0.0)), (0.0, 0.0, 0.0)))
-    camera = dataclasses.replace(body.camera, link_T_camera=body.camera.link_T_camera @ turn, **changes)
+    model = dataclasses.replace(body.camera.screen, **changes)
+    camera = dataclasses.replace(body.camera, link_T_camera=body.camera.link_T_camera @ turn, model=model)
     return dataclasses.replace(body, camera=camera)
 
 
@@ -212,7 +211,8 @@ def test_a_hand_behind_the_camera_plane_has_no_image(body):
 @pytest.mark.parametrize(("around", "near", "half_angle"), [(False, 0.05, 1.05), (True, 1e-3, 1.55), (False, 0.1, 0.5)])
 def test_the_hand_is_seen_in_the_cone_and_not_through_the_head(body, around, near, half_angle):
     body = turned_round(body) if around else body
-    body = dataclasses.replace(body, camera=dataclasses.replace(body.camera, near=near, half_angle=half_angle))
+    model = dataclasses.replace(body.camera.screen, near=near, half_angle=half_angle)
+    body = dataclasses.replace(body, camera=dataclasses.replace(body.camera, model=model))
     q = body.felt_robot.sample(3000, seed=3)
     x, y, z = body.hand_in_camera(q).T
     in_cone = (z >= near) & (torch.atan2(torch.hypot(x, y), z) <= half_angle)
@@ -380,9 +380,9 @@ BAD_FILES = {
     "landmark off the skin": ([("nose = [10, 10]", "nose = [21, 10]")], InvalidConfig, "'nose' is .*21, 10"),
     "landmark of one number": ([("nose = [10, 10]", "nose = [10]")], InvalidConfig, "field 'nose'"),
     "missing field": (
-        [("screen_distance = 0.04", "")],
+        [("distance = 0.04", "")],
         InvalidConfig,
-        r"\[camera\]: field 'screen_distance' is missing",
+        r"\[camera\]: field 'distance' is missing",
     ),
     "missing table": ([("[hand]", "[hnad]")], InvalidConfig, "field 'hand' is missing"),
     "unknown field": ([("near = ", "naer = 1.0\nnear = ")], InvalidConfig, "no field .* 'naer'; did you mean 'near'"),

@@ -32,7 +32,8 @@ offset = [0.0, 0.0, 0.0]
 radius = 0.02
 [camera]
 link = "left_eye"
-screen_distance = 0.03
+model = "virtual_screen"
+distance = 0.03
 near = 0.05
 half_angle_degrees = 50.0
 forward = [1.0, 0.0, 0.0]
@@ -221,7 +222,7 @@ def test_the_hand_is_projected_as_the_camera_does(any_body):
     postures = {"one": any_body.felt_home, "two": round_the_screen(any_body)[3]}
     figure = body_figures.virtual_screen(any_body, postures)
     side, above = figure.axes
-    h_z = 1000 * any_body.camera.screen_distance
+    h_z = 1000 * any_body.camera.screen.distance
     for name, q in postures.items():
         image, hand = 1000 * any_body.hand_image(q), 1000 * any_body.hand_in_camera(q)
         for axes, axis in ((side, 1), (above, 0)):

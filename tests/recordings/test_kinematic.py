@@ -288,7 +288,8 @@ def test_a_circle_out_of_reach_or_out_of_sight_is_refused(body):
 def test_a_touch_that_is_seen_is_refused(body):
     import dataclasses
 
-    sees = dataclasses.replace(body, camera=dataclasses.replace(body.camera, near=0.01))
+    near = dataclasses.replace(body.camera.screen, near=0.01)
+    sees = dataclasses.replace(body, camera=dataclasses.replace(body.camera, model=near))
     with pytest.raises(InvalidConfig, match=r"the eye sees the hand in .* samples while it touches"):
         simulate(sees, "random_touch")
 

@@ -350,14 +350,14 @@ def test_each_optical_centre_is_two_centimetres_behind_its_eye(side: str) -> Non
 
 
 def test_touching_beside_the_eye_the_depth_is_that_of_the_screen() -> None:
-    assert in_camera(TOUCH[[LANDMARKS["right_eye"]]])[0, 2] == pytest.approx(CAMERA["screen_distance"], abs=0.002)
+    assert in_camera(TOUCH[[LANDMARKS["right_eye"]]])[0, 2] == pytest.approx(CAMERA["distance"], abs=0.002)
 
 
 def test_a_hand_that_touches_is_never_seen_and_its_image_keeps_the_order_of_the_taxels() -> None:
     seen = in_camera(TOUCH)
     assert ((seen[:, 2] > 0.02) & (seen[:, 2] < CAMERA["near"])).all()
     assert not visible(TOUCH).any()
-    image = (CAMERA["screen_distance"] * seen[:, :2] / seen[:, 2:]).reshape(*SKIN["shape"], 2)
+    image = (CAMERA["distance"] * seen[:, :2] / seen[:, 2:]).reshape(*SKIN["shape"], 2)
     assert (np.diff(image[..., 0], axis=1) > 0).all()
     assert (np.diff(image[..., 1], axis=0) > 0).all()
 

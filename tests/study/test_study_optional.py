@@ -125,4 +125,4 @@ def test_a_wider_probe_of_the_joint_space_begins_with_the_narrower_one(body):
     narrow, wide = (probes._joint_space(body, count, 5) for count in (50, 2000))
     assert torch.equal(narrow, wide[:50])
     drawn = body.felt_robot.sample(20_000, seed=5)
-    assert torch.equal(wide, drawn[body.hand_in_camera(drawn)[:, 2] >= body.camera.near][:2000])
+    assert torch.equal(wide, drawn[body.hand_in_camera(drawn)[:, 2] >= body.camera.screen.near][:2000])

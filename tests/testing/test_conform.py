@@ -146,13 +146,139 @@ def test_a_folder_of_files_and_what_is_refused(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(ARM, encoding="utf-8")
     (tmp_path / "deeper").mkdir()
     (tmp_path / "deeper" / "bad.urdf").write_text(ARM.replace("0.1 0 0", "0.1 nan 0"), encoding="utf-8")
-    report = conform(tmp_path, ["pinocchio"], 3)
-    assert report.exit_status == 0, str(report)
+    report = conform(tmp_path, ["pinocchio"], 3, tmp_path / "report")
+    assert not report.failures, str(report)
     assert report.robots == 1
     assert "nan" in report.refused["deeper/bad.urdf"]
     assert "refused deeper/bad.urdf" in str(report)
-    (tmp_path / "arm.urdf").unlink()
-    assert conform(tmp_path, ["pinocchio"], 3).exit_status == 1
+    # It was named, and was not asked.
+    assert report.exit_status == 1
+    read = json.loads((tmp_path / "report" / "report.json").read_text(encoding="utf-8"))
+    assert read["exit_status"] == 1
+    assert [line for line in read["shortcomings"] if line.startswith("refused deeper/bad.urdf")]
+    (tmp_path / "deeper" / "bad.urdf").unlink()
+    assert conform(tmp_path, ["pinocchio"], 3).exit_status == 0
+
+
+def test_nothing_is_passed_where_nothing_was_read(tmp_path: Path) -> None:
+    file = tmp_path / "bad.urdf"
+    file.write_text(ARM.replace("0.1 0 0", "0.1 nan 0"), encoding="utf-8")
+    report = conform(file, ["pinocchio", "torch"], 1, tmp_path / "report")
+    assert {verdict.status for verdict in report.verdicts} == {"not asked"}
+    assert report.exit_status == 1
+    assert "pinocchio: nothing was asked" in str(report)
+    assert report.summary.endswith("not asked")
+    assert " passed" not in report.summary
+    read = json.loads((tmp_path / "report" / "report.json").read_text(encoding="utf-8"))
+    assert {verdict["status"] for verdict in read["verdicts"]} == {"not asked"}
+    assert {verdict["asked"] for verdict in read["verdicts"]} == {0}
+    assert "bad.urdf" in read["refused"]
+    assert 'class="not-asked"' in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_law_that_a_robot_has_no_case_for_is_not_asked(tmp_path: Path, adapter: type) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(ARM, encoding="utf-8")
+    report = conform(file, {"mine": adapter}, 3)
+    verdicts = {verdict.law: verdict for verdict in report.verdicts}
+    # Nothing in it follows anything; its deepest link has every joint on its path.
+    assert verdicts["mimic_is_multiplier_times_column"].status == "not asked"
+    assert verdicts["pose_equals_oracle"].asked == 3
+    # What nobody named may be left unasked; what was named may not.
+    assert report.exit_status == 0, str(report)
+    named = conform(file, {"mine": adapter}, 3, laws=["pose_equals_oracle", "mimic_is_multiplier_times_column"])
+    assert named.exit_status == 1
+    assert named.shortcomings == ("mine: mimic_is_multiplier_times_column: not asked",)
+    offered = conform(file, {"mine": adapter}, 3, laws=["pose_equals_oracle", "hessian_symmetry"])
+    assert offered.shortcomings == ("mine: hessian_symmetry: not offered",)
+    assert offered.exit_status == 1
+    assert conform(file, {"mine": adapter}, 3, laws=[]).exit_status == 1
+
+
+def test_a_statue_is_asked_what_a_statue_knows(tmp_path: Path) -> None:
+    file = tmp_path / "statue.urdf"
+    file.write_text('<robot name="statue"><link name="plinth"/></robot>', encoding="utf-8")
+    status = {verdict.law: verdict.status for verdict in conform(file, ["pinocchio"], 2).verdicts}
+    assert status["pose_equals_oracle"] == status["empty_batch"] == "passed"
+    about_motion = ("jacobian_equals_differences", "gradcheck", "gradgradcheck", "hessian_equals_differences")
+    for law in (*about_motion, "off_path_columns_are_zero", "full_turns_change_nothing"):
+        assert status[law] == "not asked", law
+
+
+def test_files_count_whatever_the_case_of_their_ending(tmp_path: Path) -> None:
+    (tmp_path / "CAD.URDF").write_text(ARM, encoding="utf-8")
+    (tmp_path / "arm.urdf").write_text(ARM, encoding="utf-8")
+    (tmp_path / "arm.urdf.bak").write_text(ARM, encoding="utf-8")
+    assert conform(tmp_path, ["torch"], 1, laws=["pose_equals_oracle"]).robots == 2
+
+
+class TestTolerance:
+    """Libraries that are right but not exact pass within a tolerance, and wrong ones do not."""
+
+    @pytest.fixture
+    def single(self, adapter: type) -> type:
+        """A library that computes in float32."""
+
+        class Single(adapter):  # type: ignore[misc]
+            def pose_and_jacobian(self, q: Any, link: str) -> Any:
+                return tuple(values.astype(np.float32) for values in super().pose_and_jacobian(q, link))
+
+        return Single
+
+    @pytest.fixture
+    def by_differences(self, adapter: type) -> type:
+        """A library that has a Jacobian by central differences of two points."""
+
+        class ByDifferences(adapter):  # type: ignore[misc]
+            def pose_and_jacobian(self, q: Any, link: str) -> Any:
+                pose = super().pose_and_jacobian(q, link)[0]
+                columns = []
+                for step in 1e-5 * np.eye(len(q)):
+                    ahead, behind = (
+                        super(ByDifferences, self).pose_and_jacobian(q + s, link)[0] for s in (step, -step)
+                    )
+                    rate = (ahead - behind) / 2e-5
+                    spin = rate[:3, :3] @ pose[:3, :3].T
+                    columns.append([*rate[:3, 3], spin[2, 1], spin[0, 2], spin[1, 0]])
+                return pose, np.array(columns).T.reshape(6, len(q))
+
+        return ByDifferences
+
+    @pytest.mark.parametrize(("kind", "tolerance"), [("single", 1e-5), ("by_differences", 1e-4)])
+    def test_what_is_right_but_not_exact(self, kind: str, tolerance: float, request: pytest.FixtureRequest) -> None:
+        build = request.getfixturevalue(kind)
+        assert conform(None, {kind: build}, 30).exit_status == 1
+        report = conform(None, {kind: build}, 60, tolerance=tolerance)
+        assert report.exit_status == 0, str(report)
+        assert f"tolerance {tolerance:g}" in report.summary
+
+    @pytest.mark.parametrize("bug", ["wrong axis default", "swapped columns", "dropped mimic", "intrinsic rpy"])
+    def test_what_is_wrong(self, bug: str, single: type, library: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(library, "BUG", bug)
+        assert conform(None, {"single": single}, 60, tolerance=1e-5, laws=["jacobian_equals_oracle"]).failures
+
+    def test_differences_of_what_is_not_exact_still_find_a_wrong_jacobian(
+        self, single: type, library: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        law = "jacobian_equals_differences"
+        monkeypatch.setattr(library, "BUG", "LOCAL for aligned")
+        report = conform(None, {"single": single}, 60, tolerance=1e-5, laws=[law])
+        assert report.failures
+        assert report.verdicts[0].bound < 2e-3
+
+
+def test_a_class_in_the_current_folder_is_found(tmp_path: Path, library: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = "import my_kinematics as library\n\nclass Mine:\n    def __init__(self, urdf):\n"
+    source += "        self.robot = library.Robot(urdf)\n    def pose(self, q, link):\n"
+    source += "        return library.forward(self.robot, q, link)\n"
+    (tmp_path / "lies_beside_me.py").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    # Restored afterwards, with what is added to it.
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setitem(sys.modules, "lies_beside_me", None)
+    monkeypatch.delitem(sys.modules, "lies_beside_me")
+    report = conform(None, ["lies_beside_me:Mine"], 3, laws=["pose_equals_oracle"])
+    assert report.exit_status == 0, str(report)
 
 
 @pytest.mark.parametrize(
@@ -161,9 +287,11 @@ def test_a_folder_of_files_and_what_is_refused(tmp_path: Path) -> None:
         ({"target": "no-such-package-or-file"}, "no file, no folder and no installed package"),
         ({"target": "hypothesis"}, "no [*].urdf"),
         ({"backends": ["pinochio"]}, "no backend 'pinochio'"),
-        ({"backends": ["nowhere:Class"]}, "cannot load library"),
+        ({"backends": ["nowhere:Class"]}, "No module named 'nowhere'; put nowhere.py into .*pip install -e"),
         ({"examples": 0}, "at least 1"),
-        ({"laws": ["gravity"]}, "no law 'gravity'"),
+        ({"laws": ["gravity"]}, "laws='gravity': give one of 'pose_equals_oracle'"),
+        ({"tolerance": -1.0}, "tolerance=-1.0"),
+        ({"backends": ["subprocess:Popen"]}, "'subprocess:Popen' has no method pose_and_jacobian or pose"),
     ],
 )
 def test_what_cannot_be_asked_is_said(arguments: dict[str, Any], message: str) -> None:
@@ -198,7 +326,7 @@ def test_published_robots_agree_or_are_refused_for_a_reason() -> None:
         report = conform("example-robot-data", None, 2)
     except InvalidConfig:
         pytest.skip("example-robot-data is not installed")
-    assert report.exit_status == 0, str(report)
+    assert not report.failures, str(report)
     assert report.robots >= 67
     # One has no name for the robot; one has a follower of a joint that does not exist.
     assert all("has no name" in why or "does not exist" in why for why in report.refused.values()), report.refused

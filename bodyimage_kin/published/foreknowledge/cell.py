@@ -184,7 +184,7 @@ def _measure(
     """The error on the face, over the touch motion, and at each of its postures that predictors were asked of."""
     metric = metrics.unit_metric("use", dq=np.diff(true_q, axis=1))
     touching = torch.from_numpy(true_q.reshape(-1, body.p)[known.samples])
-    face = body.touch_postures(np.arange(body.skin.count))
+    face = body.touch_postures(np.arange(body.require_skin().count))
     pairs = [
         (body.hand_image_jacobian(q).detach().numpy(), known.learned.jacobian(q).detach().numpy())
         for q in (face, touching)

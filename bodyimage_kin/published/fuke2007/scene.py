@@ -74,10 +74,13 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
         probes=probes,
         truth={probe: body.hand_image_jacobian(q).numpy() for probe, q in probes.items()},
         excitation=metrics.excitation(_displacements(circle), _displacements(touch)),
-        true_map=body.hand_image(probes["on_face"]).numpy().reshape(*body.skin.shape, body.m),
+        true_map=body.hand_image(probes["on_face"]).numpy().reshape(*body.require_skin().shape, body.m),
         loop=_closed_loop(body),
         lesson=Lesson(
-            experience(touch), body.skin.shape, seen_range(circle), PostureSOM.fit(touching, POSTURE_GRID, seed)
+            experience(touch),
+            body.require_skin().shape,
+            seen_range(circle),
+            PostureSOM.fit(touching, POSTURE_GRID, seed),
         ),
     )
 
@@ -85,7 +88,7 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
 def probe_postures(body: Embodiment, circle: xr.Dataset) -> dict[str, Float[torch.Tensor, "postures p"]]:
     """The posture sets at which Jacobians are scored, :data:`PROBES`."""
     seen = circle["true_q"].values.reshape(-1, body.p)
-    everywhere = np.arange(body.skin.count)
+    everywhere = np.arange(body.require_skin().count)
     return {
         "on_circle": torch.from_numpy(seen[np.isfinite(seen).all(1)]),
         "in_front": body.touch_postures(everywhere, _IN_FRONT),
@@ -103,7 +106,7 @@ def depth_scale(scene: Scene) -> float:
     """How much farther the hand was on the circle than it is while touching: what a scaled rival is told."""
     with torch.no_grad():
         depth = scene.body.hand_in_camera(scene.probes["on_circle"])[:, 2]
-    return float(depth.mean()) / scene.body.camera.screen_distance
+    return float(depth.mean()) / scene.body.camera.screen.distance
 
 
 def distances(scene: Scene) -> dict[str, np.ndarray]:

@@ -163,7 +163,7 @@ def _relations_kept(scene: Scene, integrated: Float[np.ndarray, "time m"]) -> fl
     """Share of the relations between landmarks (left of, above; true by a centimetre) that an estimated tour keeps."""
     true = scene.tour["true_hand_image"].values[0]
     places = scene.true_map.reshape(-1, scene.body.m)[
-        [scene.body.skin.landmarks[name] for name in sorted(set(simulate.TOUR))]
+        [scene.body.require_skin().landmarks[name] for name in sorted(set(simulate.TOUR))]
     ]
     visits = [int(np.linalg.norm(true - place, axis=1).argmin()) for place in places]
     apart = places[:, None] - places[None]
