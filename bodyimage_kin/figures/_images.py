@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,16 +59,12 @@ class Plane:
         """What stands at an axis."""
         return f"{self.names[axis]}{quantity and ' ' + quantity} [{self.shown_unit}{per}]"
 
-    def frame(self, axes: Axes, places: Iterable[np.ndarray] = (), edge: float = 0.05) -> None:
-        """Names, unit, equal aspect, y as the eye sees it (up in space), and limits about ``places`` if there are any."""
+    def frame(self, axes: Axes, edge: float = 0.05) -> None:
+        """Names, unit, equal aspect, y as the eye sees it (up in space)."""
         axes.set(xlabel=self.label(0), ylabel=self.label(1), aspect="equal")
         if len(self.names) > 2:
             note(axes, f"{self.names[0]} and {self.names[1]} of {', '.join(self.names)}")
-        everything = [one.reshape(-1, 2) for one in places]
-        if everything:
-            low, high = (end(np.concatenate(everything), 0) for end in (np.nanmin, np.nanmax))
-            beside = edge * float((high - low).max()) or 1.0
-            axes.set(xlim=(low[0] - beside, high[0] + beside), ylim=(low[1] - beside, high[1] + beside))
+        axes.margins(edge)
         # In space y is up; a screen's and a pixel's run down.
         if len(self.names) != 3 and not axes.yaxis_inverted():
             axes.invert_yaxis()
@@ -89,12 +84,7 @@ def shaped(values: ArrayLike, what: str, *shape: int | None) -> Float[np.ndarray
     return array
 
 
-def note(axes: Axes, text: str) -> None:
-    """A small line at the lower right of a panel, on what it does not show."""
-    look: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": 6.5, "color": "0.35"}
-    axes.text(0.99, 0.01, text, transform=axes.transAxes, zorder=9, **look)
-
-
-def joined(names: Sequence[str]) -> str:
-    """Names in a sentence."""
-    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
+def note(axes: Axes, text: str, *, above: bool = False) -> None:
+    """A small line at the lower (upper) right of a panel, on what it does not show."""
+    look: dict[str, Any] = {"ha": "right", "va": "top" if above else "bottom", "fontsize": 6.5, "color": "0.35"}
+    axes.text(0.99, 0.99 if above else 0.01, text, transform=axes.transAxes, zorder=9, **look)

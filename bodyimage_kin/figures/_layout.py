@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Shaped
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.container import Container
 from matplotlib.figure import Figure
 
 from bodyimage_kin._checks import number, whole
@@ -52,7 +53,7 @@ def panels(
 def wrapped(
     count: int, *, height: float, above: float = 0.5, most: int = 3, **options: Any
 ) -> tuple[Figure, list[Axes]]:
-    """A figure of ``count`` panels in rows of like length, each row ``height`` [inch], ``above`` [inch] for a legend."""
+    """A figure of ``count`` panels in rows of ``height`` [inch], with ``above`` [inch] for a legend."""
     columns = {1: 1, 2: 2, 4: 2}.get(count, most)
     rows = math.ceil(count / columns)
     width = DOUBLE_COLUMN if columns > 1 else SINGLE_COLUMN
@@ -63,9 +64,10 @@ def wrapped(
 
 
 def letters(axes: Iterable[Axes]) -> None:
-    """(a), (b), (c) ... at the upper left of panels."""
+    """(a), (b), (c) ... at the upper left of panels, before their titles."""
     for index, one in enumerate(axes):
-        one.set_title(f"({chr(ord('a') + index)})", loc="left")
+        one.set_title(f"({chr(ord('a') + index)}) {one.get_title()}".strip(), loc="left")
+        one.set_title("")
 
 
 def legend(figure: Figure, *, columns: int | None = None, below: bool = False) -> None:
@@ -82,6 +84,8 @@ def legend(figure: Figure, *, columns: int | None = None, below: bool = False) -
             found.setdefault(name, handle)
     if not found:
         return
+    # Bars and error bars first: what they are read against comes last.
+    found = dict(sorted(found.items(), key=lambda one: not isinstance(one[1], Container)))
     columns = columns or (4 if figure.get_figwidth() > SINGLE_COLUMN + 0.1 else 2)
     # Rows of like length, rather than one left over.
     columns = math.ceil(len(found) / math.ceil(len(found) / columns))
@@ -104,3 +108,23 @@ def drawing_on(ax: Axes | None, *, height: float, width: float = SINGLE_COLUMN) 
             plt.close(figure)
             raise
         legend(figure)
+
+
+def fill(figure: Figure, axes: Sequence[Axes]) -> None:
+    """Gives pictures that stand side by side one height, at which they take all the width of their figure.
+
+    Args:
+        figure: Drawn, its legend too; its height follows.
+        axes: Of one row, of equal aspect.
+    """
+    ratios = [abs(float(np.ptp(one.get_xlim()) / np.ptp(one.get_ylim()))) for one in axes]
+    grid, engine = axes[0].get_gridspec(), figure.get_layout_engine()
+    if grid is None or engine is None:
+        return
+    grid.set_width_ratios(ratios)
+    for _ in range(3):
+        engine.execute(figure)
+        width, height = figure.get_size_inches()
+        boxes = [one.get_position(original=True) for one in axes]
+        wanted = max(box.width * width / ratio for box, ratio in zip(boxes, ratios, strict=True))
+        figure.set_figheight(height + wanted - max(box.height * height for box in boxes))

@@ -15,6 +15,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 DASHED: dict[str, Any] = {"color": "0.45", "linewidth": 0.7, "linestyle": (0, (2, 2)), "zorder": 0}
 """A line that values are read against."""
+UNLISTED = "_: "
+"""Begins the label of data that no legend lists: of dots, of those who are one among many."""
 TRUTH = "0.72"
 """Colour of the truth that is drawn behind what was learned."""
 

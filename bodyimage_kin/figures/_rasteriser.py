@@ -25,11 +25,9 @@ _AMBIENT = 0.45
 def draw_surface(
     axes: Axes, surface: Surface, view: View, *, window: Window | None = None, pixels: int = PIXELS
 ) -> AxesImage:
-    """Draw triangles on axes of equal aspect in metres, lit from the upper left.
+    """Draws triangles on axes of equal aspect in metres.
 
-    They become one image, each pixel showing the triangle nearest to the eye: spheres and cylinders that run into each
-    other, as the limbs of a robot of primitives do, meet in a clean line, which no order of painting gives; and a mesh
-    of any size takes the same room in an SVG.
+    They become one image: a mesh of any size takes the same room in an SVG.
 
     Args:
         axes: Its limits and aspect are set.
@@ -41,24 +39,48 @@ def draw_surface(
     Raises:
         InvalidGeometry: There is no triangle to draw.
     """
+    window = window or window_of(project(surface.corners, view)[0])
+    image = render(surface, view, window, pixels)
+    painted = axes.imshow(image, extent=window, aspect="equal", zorder=1)
+    axes.set(xlim=window[:2], ylim=window[2:])
+    return painted
+
+
+def render(surface: Surface, view: View, window: Window, pixels: int = PIXELS) -> Float[np.ndarray, "height width 4"]:
+    """Triangles as a picture (RGBA, rows from the top), lit from the upper left.
+
+    Each pixel shows the triangle nearest to the eye: spheres and cylinders that run into each other, as the limbs of a
+    robot of primitives do, meet in a clean line, which no order of painting gives.
+
+    Args:
+        surface: What to draw.
+        view: Where it is seen from.
+        window: What part of the picture plane to show.
+        pixels: Along the longer side.
+
+    Raises:
+        InvalidGeometry: There is no triangle to draw.
+    """
     if not len(surface.corners):
         raise InvalidGeometry("nothing to draw: these links have no visual geometry; choose links that have")
     flat, depth = project(surface.corners, view)
-    left, right, bottom, top = window_of(flat) if window is None else window
+    left, right, bottom, top = window
     scale = pixels * _SUBPIXELS / max(right - left, top - bottom)
     width, height = (_SUBPIXELS * max(1, round(size * scale / _SUBPIXELS)) for size in (right - left, top - bottom))
     corners = (flat - [left, top]) * [width / (right - left), -height / (top - bottom)]
-    # Seen in perspective it is the inverse of the depth that is linear over a triangle.
-    nearest, weights = _nearest(corners, -1 / depth if view.perspective else depth, width, height)
+    nearest, weights = _nearest(corners, depth, width, height)
     shade = _AMBIENT + (1 - _AMBIENT) * np.clip(surface.normals @ towards_light(view), 0, 1)
     image = surface.colours[nearest] * (weights * shade[nearest]).sum(-1, keepdims=True)
     image[..., 3] = 1
     image[nearest < 0] = 0
     image = image.reshape(height // _SUBPIXELS, _SUBPIXELS, width // _SUBPIXELS, _SUBPIXELS, 4).mean(axis=(1, 3))
     image[..., :3] = np.where(image[..., 3:] > 0, image[..., :3] / image[..., 3:].clip(1e-9), 1.0)
-    painted = axes.imshow(image.clip(0, 1), extent=(left, right, bottom, top), aspect="equal", zorder=1)
-    axes.set(xlim=(left, right), ylim=(bottom, top))
-    return painted
+    return image.clip(0, 1)
+
+
+def on_white(image: Float[np.ndarray, "height width 4"]) -> Float[np.ndarray, "height width 3"]:
+    """A picture before white."""
+    return image[..., :3] * image[..., 3:] + 1 - image[..., 3:]
 
 
 def towards_light(view: View) -> Float[np.ndarray, "3"]:
@@ -76,9 +98,9 @@ def _nearest(
     ab, ac = pixels[:, 1] - pixels[:, 0], pixels[:, 2] - pixels[:, 0]
     area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
     # The middle of pixel k is at k + 1/2.
-    low = np.ceil(np.nan_to_num(pixels.min(1)) - 0.5).clip(0).astype(int)
-    high = np.floor(np.nan_to_num(pixels.max(1)) - 0.5).clip(-1, [width - 1, height - 1]).astype(int)
-    # Counterclockwise becomes negative where rows run down; a corner behind the eye makes the area NaN.
+    low = np.ceil(pixels.min(1) - 0.5).clip(0).astype(int)
+    high = np.floor(pixels.max(1) - 0.5).clip(-1, [width - 1, height - 1]).astype(int)
+    # Counterclockwise becomes negative where rows run down.
     shown = np.flatnonzero((area < -1e-12) & (low <= high).all(1))
     seen, weights = np.full((height, width), -1), np.zeros((height, width, 3))
     _fill(shown, low, high, pixels[:, 0].copy(), ab, ac, area, depth, np.full((height, width), np.inf), seen, weights)

@@ -1,6 +1,6 @@
 """The values that a figure shows, read from what is drawn: for its table, and for the pointer over its SVG.
 
-What has a label (none that begins with an underscore) is data: lines, error bars, bars, dots, coloured cells.
+What has a label is data, also one that no legend lists (``_: NAME``): lines, error bars, bars, dots, coloured cells.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import PathPatch
 from matplotlib.ticker import FixedLocator, FuncFormatter
+
+from bodyimage_kin.figures._marks import UNLISTED
 
 _MOST_TARGETS = 150
 """Values of one series in one panel that the pointer finds; a path has more, all in the table."""
@@ -100,7 +102,7 @@ def table(found: list[Shown]) -> pd.DataFrame:
 
 
 def hover(figure: Figure) -> str:
-    """Unseen shapes over the values of a figure, in points, each with a title that a browser shows under the pointer."""
+    """Unseen shapes over the values of a figure [pt], each with a title that a browser shows under the pointer."""
     by_series: dict[tuple[int, str], list[Shown]] = {}
     for one in shown(figure):
         by_series.setdefault((id(one.axes), one.series), []).append(one)
@@ -137,7 +139,7 @@ def _of(axes: Axes) -> Iterator[Shown]:
         elif isinstance(container, BarContainer):
             yield from _bars(axes, container)
     for artist in (*axes.lines, *axes.collections, *axes.patches, *axes.images):
-        label = str(artist.get_label())
+        label = str(artist.get_label()).removeprefix(UNLISTED)
         if artist in inside or not label or label.startswith("_"):
             continue
         if isinstance(artist, AxesImage):
@@ -191,11 +193,12 @@ def _panel(axes: Axes) -> str:
 
 def _named(axis: Any, value: float) -> Any:
     """The name that stands at a place of an axis of names, or the number itself."""
-    named = isinstance(axis.get_major_locator(), FixedLocator) and isinstance(axis.get_major_formatter(), FuncFormatter)
-    if named:
-        for place, text in zip(axis.get_majorticklocs(), axis.get_majorticklabels(), strict=True):
-            if text.get_text() and abs(place - value) < 0.5:
-                return _plain(text.get_text())
+    locator, formatter = axis.get_major_locator(), axis.get_major_formatter()
+    if isinstance(locator, FixedLocator) and isinstance(formatter, FuncFormatter):
+        places = axis.get_majorticklocs()
+        for place, name in zip(places, formatter.format_ticks(places), strict=True):
+            if name and abs(place - value) < 0.5:
+                return _plain(name)
     return value
 
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from types import MappingProxyType
 
 LABELS: Mapping[str, str] = {
     "analytic": "analytic Jacobian",
@@ -46,14 +47,23 @@ LABELS: Mapping[str, str] = {
     "in_front": "in front of the face",
     "on_face": "on the face",
     "joint_space": "whole joint space",
+    "posture_distance": "mean postures",
+    "posture_distance_seen": "mean postures, seen spreads",
+    "posture_distance_use": "mean postures, touch steps",
+    "excitation_deficit": "excitation (control)",
+    "gaussian_process_radial": "Gaussian process, radial",
+    "without_structure": "combined, structure unknown",
+    "with_structure": "combined, structure known",
+    "perturbed_arms_rough": "perturbed arms, rough",
+    "mean_of_others": "mean of the others",
 }
 """What this library's own names are called; any other is shown as it is, its underscores as spaces."""
 
-_OVERRIDES: ContextVar[Mapping[str, str]] = ContextVar("labels that override the table", default={})
+_OVERRIDES: ContextVar[Mapping[str, str]] = ContextVar("labels", default=MappingProxyType({}))
 
 
 def label(name: str) -> str:
-    """What a reader calls a name: ``"PaperMLP"`` and ``"paper_mlp"`` are one, and one that nobody listed is shown as it is.
+    """What a reader calls a name: ``"PaperMLP"`` and ``"paper_mlp"`` are one, and one that nobody listed stays.
 
     Args:
         name: Of an estimator, a probe, a score, a landmark, a recording ...
