@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from bodyimage_kin import errors as errors
     from bodyimage_kin import estimators as estimators
+    from bodyimage_kin import figures as figures
     from bodyimage_kin import metrics as metrics
     from bodyimage_kin import report as report
     from bodyimage_kin.backends import Kinematics as Kinematics
@@ -26,10 +27,14 @@ if TYPE_CHECKING:
     from bodyimage_kin.body_image import integrate as integrate
     from bodyimage_kin.errors import BodyImageKinError as BodyImageKinError
     from bodyimage_kin.estimators import load_learned as load_learned
+    from bodyimage_kin.metrics import probes as probes
+    from bodyimage_kin.recordings import Drag as Drag
+    from bodyimage_kin.recordings import Noise as Noise
     from bodyimage_kin.recordings import experience as experience
+    from bodyimage_kin.recordings import motions as motions
     from bodyimage_kin.recordings import read_recording as read_recording
-    from bodyimage_kin.recordings import simulate as simulate
     from bodyimage_kin.recordings import write_recording as write_recording
+    from bodyimage_kin.recordings.simulation import simulate as simulate
     from bodyimage_kin.robot import Robot as Robot
     from bodyimage_kin.study import Study as Study
 
@@ -37,8 +42,10 @@ if TYPE_CHECKING:
 _EXPORTS = {
     "BodyImage": "bodyimage_kin.body_image",
     "BodyImageKinError": "bodyimage_kin.errors",
+    "Drag": "bodyimage_kin.recordings",
     "Embodiment": "bodyimage_kin.body.embodiment",
     "Kinematics": "bodyimage_kin.backends",
+    "Noise": "bodyimage_kin.recordings",
     "Robot": "bodyimage_kin.robot",
     "RobotKinematics": "bodyimage_kin.backends",
     "Study": "bodyimage_kin.study",
@@ -49,6 +56,7 @@ _EXPORTS = {
     "load_embodiment": "bodyimage_kin.body.file",
     "load_learned": "bodyimage_kin.estimators",
     "read_recording": "bodyimage_kin.recordings",
+    "simulate": "bodyimage_kin.recordings",
     "write_recording": "bodyimage_kin.recordings",
 }
 # Public modules. ``backends`` is one that can be called: ``bk.backends()`` lists them.
@@ -56,9 +64,11 @@ _MODULES = {
     "backends": "bodyimage_kin.backends",
     "errors": "bodyimage_kin.errors",
     "estimators": "bodyimage_kin.estimators",
+    "figures": "bodyimage_kin.figures",
     "metrics": "bodyimage_kin.metrics",
+    "motions": "bodyimage_kin.recordings.motions",
+    "probes": "bodyimage_kin.metrics.probes",
     "report": "bodyimage_kin.report",
-    "simulate": "bodyimage_kin.recordings.simulate",
 }
 
 __all__ = ["__version__", *sorted({*_EXPORTS, *_MODULES})]

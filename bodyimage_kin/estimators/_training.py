@@ -1,4 +1,4 @@
-"""Training of small networks: several at once, full batch, early stopping on held-out arcs, deterministic.
+"""Training of small networks: several at once, full batch, early stopping on what is held out, deterministic.
 
 Networks are trained side by side along a leading axis ``models``. Nothing passes from one to another: each has its own
 data, first weights and best weights. What one learns depends on the others in its last bits at most: how a matrix
@@ -16,12 +16,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from bodyimage_kin.estimators._samples import arcs
-from bodyimage_kin.estimators.base import is_count, require
+from bodyimage_kin import _checks
 
 Layers = Sequence[Tensor]
 """Weights and biases in turn: (*models, out, in), (*models, out), ..."""
-_ARCS = 10
 _FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8
 
 
@@ -34,7 +32,8 @@ class Training:
         learning_rate: Of Adam, on scaled inputs and outputs; it falls to zero along a half cosine.
         steps: Number of steps.
         weight_decay: Rate at which weights shrink, times the learning rate.
-        held_out: Share of the arcs of the experience that is held out; the weights that do best on it are kept.
+        held_out: Share of the experience that is held out, in arcs, blocks or clusters; the weights that do best on it
+            are kept.
             0: nothing is held out, and the last weights are kept.
     """
 
@@ -45,13 +44,14 @@ class Training:
     held_out: float = 0.2
 
     def __post_init__(self) -> None:
-        whole = isinstance(self.hidden, tuple) and all(is_count(units, 1) for units in self.hidden)
-        require(whole and len(self.hidden) > 0, "hidden", self.hidden, "a tuple of positive whole numbers")
-        require(0 < self.learning_rate < 1, "learning_rate", self.learning_rate, "a positive number below 1")
-        require(is_count(self.steps, 1), "steps", self.steps, "a positive whole number")
-        shrinks = 0 <= self.weight_decay * self.learning_rate < 1
-        require(shrinks, "weight_decay", self.weight_decay, "at least 0, and below 1 / learning_rate")
-        require(0 <= self.held_out <= 0.5, "held_out", self.held_out, "a share of at most a half")
+        if not isinstance(self.hidden, tuple) or not self.hidden:
+            _checks.refuse("hidden", self.hidden, "a tuple of positive whole numbers")
+        for index, units in enumerate(self.hidden):
+            _checks.whole(f"hidden[{index}]", units, least=1)
+        _checks.number("learning_rate", self.learning_rate, above=0.0, below=1.0)
+        _checks.whole("steps", self.steps, least=1)
+        _checks.number("weight_decay", self.weight_decay, least=0.0, below=1.0 / self.learning_rate)
+        _checks.number("held_out", self.held_out, least=0.0, most=0.5)
 
 
 def first_layers(sizes: Sequence[int], seeds: Sequence[int]) -> list[Tensor]:
@@ -90,18 +90,10 @@ def slope(layers: Layers, x: Float[Tensor, "*rows inputs"], first: int = 0) -> F
     return derivative
 
 
-def held_out_arcs(count: int, share: float) -> Bool[Tensor, "count"]:
-    """Which samples are held out: arcs spread evenly over the experience."""
-    arc = arcs(count, _ARCS)
-    wanted = round(share * _ARCS) if count >= _ARCS else 0
-    chosen = ((torch.arange(wanted) + 0.5) * _ARCS / max(wanted, 1)).long()
-    return torch.isin(arc, chosen)
-
-
 def train(
     layers: list[Tensor],
     error: Callable[[Layers], Float[Tensor, "models count"]],
-    count: int,
+    held: Bool[Tensor, "count"],
     settings: Training,
 ) -> list[Tensor]:
     """The weights of each network that did best on its held-out samples.
@@ -109,10 +101,9 @@ def train(
     Args:
         layers: First weights, with the axis of models.
         error: Squared errors of all samples, from weights.
-        count: Number of samples.
+        held: Which samples are held out.
         settings: Of the training.
     """
-    held = held_out_arcs(count, settings.held_out)
     learn = ~held
     layers = [layer.clone().requires_grad_() for layer in layers]
     first = [torch.zeros_like(layer) for layer in layers]

@@ -8,7 +8,6 @@ posture in sight foretell its size where the eye does not see.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,10 +16,12 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.estimators._field import ImageModel
-from bodyimage_kin.estimators._samples import choose, samples
+from bodyimage_kin.estimators._hold_out import choose
+from bodyimage_kin.estimators._samples import samples
 from bodyimage_kin.estimators._trigonometric import TrigBasis
-from bodyimage_kin.estimators.base import Estimator, is_count, require
+from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.trig_ridge import check_trigonometric
 
 _PENALTIES = torch.logspace(0, -11, 23, dtype=torch.float64)
@@ -35,7 +36,7 @@ class RationalImage(ImageModel):
 
     Attributes:
         basis: The products phi.
-        weights: (functions, m + 1): of n [m], then of z, which is relative to the depth at the centre.
+        weights: (functions, m + 1): of n, in the unit of the hand image, then of z, over the depth at the centre.
     """
 
     basis: TrigBasis
@@ -43,10 +44,8 @@ class RationalImage(ImageModel):
 
     kind = "rational_image"
 
-    @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return len(self.basis.centre)
+    def __post_init__(self) -> None:
+        self.basis.check(self.weights)
 
     @property
     def m(self) -> int:
@@ -69,15 +68,6 @@ class RationalImage(ImageModel):
         image = values[..., :-1, None] / depth
         return (slopes[..., :-1, :] - image * slopes[..., -1:, :]) / depth
 
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Centre and degree of the basis, and the weights."""
-        return {"centre": self.basis.centre, "degree": torch.tensor(self.basis.degree), "weights": self.weights}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> RationalImage:
-        """The inverse of :meth:`arrays`."""
-        return cls(TrigBasis(arrays["centre"], int(arrays["degree"])), arrays["weights"])
-
 
 @dataclass(frozen=True)
 class RationalTrig(Estimator):
@@ -89,9 +79,9 @@ class RationalTrig(Estimator):
     Attributes:
         degree: Most joints in a product; None: all of them, the exact form (3^p functions; give 3 for long arms).
         penalty: Of squared coefficients against the mean squared error in units of the images' variance; None: the
-            best of 23 on held-out arcs.
+            best of 23 on what is held out.
         roughness: How many times more a function is penalised for each further order in the joints.
-        folds: Number of arcs of the experience, each held out once to choose the penalty.
+        folds: Number of parts of the experience, each held out once to choose the penalty.
         iterations: Number of reweightings at each penalty.
     """
 
@@ -103,8 +93,7 @@ class RationalTrig(Estimator):
 
     def __post_init__(self) -> None:
         check_trigonometric(self.degree, self.penalty, self.roughness, self.folds)
-        whole = is_count(self.iterations, 1)
-        require(whole, "iterations", self.iterations, "a positive whole number")
+        _checks.whole("iterations", self.iterations, least=1)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> RationalImage:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
@@ -119,7 +108,7 @@ class RationalTrig(Estimator):
         mean, unit = data.image.mean(0), data.image.std(correction=0).clamp(min=1e-12)
         Y = (data.image - mean) / unit
         if self.penalty is None:
-            best = choose(lambda learn, predict: self._errors(X, Y, learn, predict), len(X), self.folds)
+            best = choose(lambda learn, predict: self._errors(X, Y, learn, predict), data.folds(self.folds))
             penalties = _PENALTIES[: best + 1]
         else:
             stiffer = [float(penalty) for penalty in _PENALTIES if float(penalty) > self.penalty]

@@ -51,8 +51,12 @@ def flatten(
         axes: Which way is right and down in the plane: each piece is turned, or turned over, towards them.
     """
     count = len(positions)
-    lengths = np.linalg.norm(positions[edges[:, 0]] - positions[edges[:, 1]], axis=1)
-    graph = scipy.sparse.coo_matrix((np.maximum(lengths, 1e-12), (edges[:, 0], edges[:, 1])), (count, count)).tocsr()
+    next_to = scipy.sparse.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), (count, count)).tocsr()
+    # Straight ways to all within three steps: along the edges of a grid alone, a diagonal would be longer by half.
+    step = next_to + next_to.T + scipy.sparse.identity(count, format="csr")
+    near = scipy.sparse.triu(step @ step @ step, 1).tocoo()
+    lengths = np.linalg.norm(positions[near.row] - positions[near.col], axis=1)
+    graph = scipy.sparse.coo_matrix((np.maximum(lengths, 1e-12), (near.row, near.col)), (count, count)).tocsr()
     pieces, piece_of = connected_components(graph, directed=False)
     places = np.zeros((count, 2))
     beside = 0.0

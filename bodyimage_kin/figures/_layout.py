@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -75,7 +75,7 @@ def legend(figure: Figure, *, columns: int | None = None, below: bool = False) -
 
     Args:
         figure: Drawn already.
-        columns: Labels in a row; None: as many as the width takes.
+        columns: Labels in a row at the most, as far as the width takes them; None: four.
         below: Under the panels instead of above.
     """
     found: dict[str, Any] = {}
@@ -86,11 +86,15 @@ def legend(figure: Figure, *, columns: int | None = None, below: bool = False) -
         return
     # Bars and error bars first: what they are read against comes last.
     found = dict(sorted(found.items(), key=lambda one: not isinstance(one[1], Container)))
-    columns = columns or (4 if figure.get_figwidth() > SINGLE_COLUMN + 0.1 else 2)
-    # Rows of like length, rather than one left over.
-    columns = math.ceil(len(found) / math.ceil(len(found) / columns))
+    place: Literal["outside lower center", "outside upper center"]
     place = "outside lower center" if below else "outside upper center"
-    figure.legend(handles=list(found.values()), labels=list(found), loc=place, ncols=columns)
+    for most in range(columns or 4, 0, -1):
+        # Rows of like length, rather than one left over.
+        ncols = math.ceil(len(found) / math.ceil(len(found) / most))
+        drawn = figure.legend(handles=list(found.values()), labels=list(found), loc=place, ncols=ncols)
+        if most == 1 or drawn.get_window_extent().width <= figure.bbox.width:
+            return
+        drawn.remove()
 
 
 @contextmanager
@@ -110,21 +114,22 @@ def drawing_on(ax: Axes | None, *, height: float, width: float = SINGLE_COLUMN) 
         legend(figure)
 
 
-def fill(figure: Figure, axes: Sequence[Axes]) -> None:
+def fill(figure: Figure, axes: Iterable[Axes]) -> None:
     """Gives pictures that stand side by side one height, at which they take all the width of their figure.
 
     Args:
         figure: Drawn, its legend too; its height follows.
         axes: Of one row, of equal aspect.
     """
-    ratios = [abs(float(np.ptp(one.get_xlim()) / np.ptp(one.get_ylim()))) for one in axes]
-    grid, engine = axes[0].get_gridspec(), figure.get_layout_engine()
+    row = list(axes)
+    ratios = [abs(float(np.ptp(one.get_xlim()) / np.ptp(one.get_ylim()))) for one in row]
+    grid, engine = row[0].get_gridspec(), figure.get_layout_engine()
     if grid is None or engine is None:
         return
     grid.set_width_ratios(ratios)
     for _ in range(3):
         engine.execute(figure)
         width, height = figure.get_size_inches()
-        boxes = [one.get_position(original=True) for one in axes]
+        boxes = [one.get_position(original=True) for one in row]
         wanted = max(box.width * width / ratio for box, ratio in zip(boxes, ratios, strict=True))
         figure.set_figheight(height + wanted - max(box.height * height for box in boxes))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import matplotlib as mpl
@@ -24,7 +24,7 @@ _MOST_NAMED = 8
 _LINES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)))
 
 
-def recording(rec: xr.Dataset, ax: Sequence[Axes] | Shaped[np.ndarray, "3"] | None = None) -> Shaped[np.ndarray, "3"]:
+def recording(rec: xr.Dataset, ax: Iterable[Axes] | None = None) -> Shaped[np.ndarray, "3"]:
     """A recording at a glance: where the hand was seen, its joints over time, and which taxels were touched.
 
     Args:
@@ -48,7 +48,7 @@ def recording(rec: xr.Dataset, ax: Sequence[Axes] | Shaped[np.ndarray, "3"] | No
             found = recording(rec, panels)
             legend(figure)
             return found
-    found = np.array(ax, dtype=object).ravel()
+    found = np.array(list(ax), dtype=object)
     if len(found) != 3:
         raise InvalidArray(f"a recording takes three axes; {len(found)} were given")
     first = rec.isel(trial=0)

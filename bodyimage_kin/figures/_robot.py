@@ -216,7 +216,7 @@ def _taxels(
             look |= {"markerfacecolor": "none", "markeredgecolor": look["color"], "markeredgewidth": 0.9}
         axes.plot(*flat[taxel], **look, markersize=size, zorder=4)
     if behind:
-        hollow = {"marker": "o", "markerfacecolor": "none", "markeredgecolor": "0.35", "linestyle": ""}
+        hollow: dict[str, Any] = {"marker": "o", "markerfacecolor": "none", "markeredgecolor": "0.35", "linestyle": ""}
         axes.plot([], [], **hollow, markersize=5, label="hollow: behind the hand")
 
 

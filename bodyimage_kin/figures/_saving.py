@@ -17,7 +17,7 @@ from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.figures._style import style
 from bodyimage_kin.figures._values import hover, shown, table
 
-_PNG = 200  # pixels to the inch
+_DPI = 200
 
 
 def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Path, ...]:
@@ -45,7 +45,7 @@ def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Pat
     write_text(paths[0], svg(figure))
     png = io.BytesIO()
     with style():
-        figure.set_dpi(_PNG)
+        figure.set_dpi(_DPI)
         FigureCanvasAgg(figure).print_png(png, metadata={"Software": None})  # type: ignore[no-untyped-call]
     with atomic_path(paths[1]) as temporary:
         temporary.write_bytes(png.getvalue())
@@ -64,6 +64,7 @@ def svg(figure: Figure) -> str:
     """
     with style():
         _settle(figure)
+        figure.set_dpi(_DPI)  # of pictures inside
         buffer = io.BytesIO()
         # Not savefig: it draws everything once more to settle a layout that is settled.
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]

@@ -300,7 +300,6 @@ def hand_image(body: Embodiment, q: ArrayLike, ax: Axes | None = None) -> Axes:
     plane = Plane(tuple(body.camera.model.names), body.camera.model.unit)
     path = images[:, :2] * plane.factor
     landmarks = {name: place[:2] * plane.factor for name, place in _landmark_images(body, felt[0]).items()}
-    half = _half_of_screen(body, felt[0], images) * plane.factor
     middle, radius = (path.max(0) + path.min(0)) / 2, 0.5 * float(np.ptp(path, axis=0).mean())
     with drawing_on(ax, height=3.6) as axes:
         plane.frame(axes)
@@ -313,16 +312,15 @@ def hand_image(body: Embodiment, q: ArrayLike, ax: Axes | None = None) -> Axes:
         for name, place in landmarks.items():
             look = landmark_look(name) | {"markerfacecolor": "white", "markeredgecolor": landmark_look(name)["color"]}
             axes.plot(*place, **look | {"markeredgewidth": 1.0}, markersize=5, zorder=3, label=UNLISTED + drawn(name))
-            note = axes.annotate(
-                drawn(name), place, (0, -4), textcoords="offset points", ha="center", va="top", fontsize=6.5
-            )
-            note.set_path_effects(halo())
+            at = (float(place[0]), float(place[1]))
+            below: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "top", "fontsize": 6.5}
+            axes.annotate(drawn(name), at, (0, -4), **below, path_effects=halo())
         if landmarks:
             hollow: dict[str, Any] = {"marker": "D", "color": "0.4", "markerfacecolor": "white", "linestyle": ""}
             axes.plot([], [], **hollow, label="hollow: hand on a landmark, unseen")
-        low, high = (-half, half) if body.camera.model.unit == "m" else (None, None)
-        if low is not None:
-            axes.set(xlim=(low, high), ylim=(high, low))
+        if body.m == 2 and plane.unit == "m":
+            half = _half_of_screen(body, felt[0], images) * plane.factor
+            axes.set(xlim=(-half, half), ylim=(half, -half))
         axes.set_facecolor((*_PANE[:3], 0.18))
         axes.spines[:].set(visible=True, color=_PANE_EDGE)
         return axes
@@ -338,8 +336,8 @@ def _along(
         raise InvalidArray(f"q has {len(postures)} finite postures; a path takes at least 3")
     felt = torch.from_numpy(postures)
     with torch.no_grad():
-        places = (body.hand_position(felt), body.hand_image(felt), body.hand_in_camera(felt))
-    return felt, *(place.numpy() for place in places)
+        centres, images, in_camera = body.hand_position(felt), body.hand_image(felt), body.hand_in_camera(felt)
+    return felt, centres.numpy(), images.numpy(), in_camera.numpy()
 
 
 def _landmark_images(body: Embodiment, q: torch.Tensor) -> dict[str, Float[np.ndarray, "m"]]:

@@ -22,7 +22,7 @@ from bodyimage_kin.figures._views import View, facing, hidden, posed, project
 from bodyimage_kin.figures.labels import drawn
 
 _COLOURS = "cividis"  # its lightness alone orders the values, for everybody
-_RING = {"marker": "o", "markerfacecolor": "none", "markeredgecolor": "black", "markeredgewidth": 1.2, "linestyle": ""}
+_RING: dict[str, Any] = {"marker": "o", "markerfacecolor": "none", "markeredgecolor": "black", "markeredgewidth": 1.2}
 _MARGIN = 0.006  # [m] features of the face stand out from the skin that bears the taxels
 
 
@@ -132,7 +132,13 @@ def skin(
         else:
             _coloured(axes, places, covered, coloured, label, limits)
         axes.plot(
-            *places[borne.reference], **_RING, markersize=9, zorder=5, label="reference taxel", path_effects=halo(3)
+            *places[borne.reference],
+            **_RING,
+            linestyle="",
+            markersize=9,
+            zorder=5,
+            label="reference taxel",
+            path_effects=halo(3),
         )
         return axes
 
@@ -190,10 +196,9 @@ def _coloured(
     dots(axes, places[blank], size=1.6, color="0.6", zorder=2)
     there = ~covered & np.isfinite(values)
     size = float(np.clip(9000 / max(len(places), 1), 5, 40))  # [pt^2]
-    painted = axes.scatter(
-        *places[there].T, c=values[there], s=size, cmap=_COLOURS, vmin=low, vmax=max(high, low + 1e-12),
-        linewidths=0, zorder=3, label=UNLISTED + (label or "value"),
-    )  # fmt: skip
+    x, y = places[there].T
+    look: dict[str, Any] = {"cmap": _COLOURS, "vmin": low, "vmax": max(high, low + 1e-12), "linewidths": 0}
+    painted = axes.scatter(x, y, size, values[there], **look, zorder=3, label=UNLISTED + (label or "value"))
     axes.figure.colorbar(painted, ax=axes, location="bottom", shrink=0.85, pad=0.03, label=label)
 
 

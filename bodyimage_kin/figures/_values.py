@@ -86,15 +86,15 @@ def shown(figure: Figure) -> list[Shown]:
     return [one for axes in figure.axes for one in _of(axes)]
 
 
-def table(found: list[Shown]) -> pd.DataFrame:
+def table(every: list[Shown]) -> pd.DataFrame:
     """See :func:`bodyimage_kin.figures.values`."""
-    rows = pd.DataFrame([one.row() for one in found])
+    rows = pd.DataFrame([one.row() for one in every])
     if not len(rows):
         return rows
-    for axis in ("x", "y"):
-        labels = rows[f"{axis}_axis"].unique()
-        if len(labels) == 1:
-            rows = rows.drop(columns=f"{axis}_axis").rename(columns={axis: labels[0] or axis})
+    labels = {axis: set(rows[f"{axis}_axis"]) for axis in ("x", "y")}
+    for axis, found in labels.items():
+        if len(found) == 1 and labels["x"] != labels["y"]:
+            rows = rows.drop(columns=f"{axis}_axis").rename(columns={axis: found.pop() or axis})
     numbers = rows.select_dtypes("number").columns
     rows[numbers] = rows[numbers].map(lambda value: float(f"{value:.6g}"))
     empty = [name for name in ("panel", "lower", "upper", "value") if rows[name].isin(["", np.nan]).all()]
@@ -178,7 +178,7 @@ def _bars(axes: Axes, container: BarContainer) -> Iterator[Shown]:
 
 
 def _cells(axes: Axes, image: AxesImage, label: str) -> Iterator[Shown]:
-    values = np.ma.filled(np.ma.asarray(image.get_array(), dtype=float), np.nan)
+    values: np.ndarray = np.ma.asarray(image.get_array(), dtype=float).filled(np.nan)
     if values.ndim != 2:
         return
     for (row, column), value in np.ndenumerate(values):

@@ -34,8 +34,8 @@ class View:
     """
 
     target: Float[np.ndarray, "3"]
-    azimuth: float
-    elevation: float
+    azimuth: float | int
+    elevation: float | int
 
     def axes(self) -> Float[np.ndarray, "3 3"]:
         """Right, up and forward in the root, as rows."""

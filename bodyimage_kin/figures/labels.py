@@ -39,7 +39,7 @@ LABELS: Mapping[str, str] = {
     "jacobian_error_use": "Jacobian error, motion's metric",
     "velocity_nrmse": "velocity NRMSE",
     "trajectory_rmse": "trajectory RMSE",
-    "depth": "depth (one scale)",
+    "scale": "scale (one factor)",
     "mean_excited": "mean, excited directions",
     "mean_unexcited": "mean, unexcited directions",
     "variation": "variation with posture",

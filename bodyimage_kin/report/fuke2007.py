@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -129,7 +129,7 @@ def _table_1(body: Embodiment) -> list[tuple[str, str, str]]:
             (f"back-propagation {said}: hidden units", "10", f"{network.hidden:g}"),
         ]
     # The random torque is drawn about zero (bodyimage_kin.recordings.dynamics); the paper gives no unit.
-    variance = f"{noisy.motion.torque_noise:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
+    variance = f"{noisy.motion.noise.torque**2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
     return [
         *rows,
         ("noise: mean of the normal distribution", "0.0", "0.0"),
@@ -330,7 +330,7 @@ def _face(body: Embodiment) -> Figure:
     return _side_by_side(figure, grid[0])
 
 
-def _side_by_side(figure: Figure, axes: Sequence[Any]) -> Figure:
+def _side_by_side(figure: Figure, axes: Iterable[Any]) -> Figure:
     figures.letters(axes)
     figures.legend(figure, columns=4, below=True)
     figures.fill(figure, axes)

@@ -38,14 +38,14 @@ _BY_PROBE = ("relative_error", "scale_free_error")
 _ON_TOUR = ("displacement_error", "trajectory_rmse", "velocity_correlation", "velocity_nrmse", "fit_seconds")
 _ATLAS = {
     "relative_error_by_posture": ("relative error", None),
-    "depth_by_posture": ("depth", None),
+    "scale_by_posture": ("scale", None),
     "variation_by_posture": ("variation", None),
     "critical_gain_by_posture": ("critical gain", (0.0, 2.0)),
     "basin_by_posture": ("basin [mm]", (0.0, 50.0)),
 }
 """Scores that are drawn over the face, what their panels are called, and the limits of their colours."""
 _DISTANCES = {
-    "hand_distance_by_posture": (100.0, "distance of the hand from training [cm]"),
+    "hand_distance_by_posture": (100.0, "distance of the hand [cm]"),
     "mahalanobis_distance_by_posture": (1.0, "Mahalanobis distance of the joints"),
 }
 
@@ -277,8 +277,8 @@ def _distances(one: xr.Dataset, place: str, named: Sequence[str]) -> list[Pictur
     names = [name for name in names_of(one, "estimator") if errs(one[score], name)]
 
     def draw(probes: Sequence[str]) -> Figure:
-        shape = {"sharex": "row", "sharey": True}
-        figure, grid = figures.panels(len(_DISTANCES), len(probes), height=0.5 + 2.2 * len(_DISTANCES), **shape)
+        shared: dict[str, Any] = {"sharex": "row", "sharey": True}
+        figure, grid = figures.panels(len(_DISTANCES), len(probes), height=0.5 + 2.2 * len(_DISTANCES), **shared)
         for row, (distance, (factor, axis)) in zip(grid, _DISTANCES.items(), strict=True):
             for axes, probe in zip(row, probes, strict=True):
                 away = one[distance].sel(probe=probe).transpose("seed", "posture").values * factor
@@ -291,8 +291,8 @@ def _distances(one: xr.Dataset, place: str, named: Sequence[str]) -> list[Pictur
         return figure
 
     text = (
-        "Relative error at each posture, in the motion's metric; dots are postures, marks medians of a fifth of them, "
-        "bars their quartiles."
+        "Relative error at each posture, in the motion's metric, over its distance from training; dots are postures, "
+        "marks medians of a fifth of them, bars their quartiles."
     )
     text += f" Grey: medians of all but the {len(named)} that err least." if len(names) > len(named) else ""
     return [
@@ -335,7 +335,7 @@ def _face(one: xr.Dataset, place: str, results: xr.Dataset, embodiment: str, cho
         return figure
 
     text = (
-        f"{figures.label(chosen)}, mean over recordings; the face as the eye sees it. Depth and variation are what "
+        f"{figures.label(chosen)}, mean over recordings; the face as the eye sees it. Scale and variation are what "
         "each taxel adds to these parts of the squared error (the other two are the same everywhere); a servo with a "
         "gain above the critical one does not converge."
     )

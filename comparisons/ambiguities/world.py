@@ -32,14 +32,14 @@ class World:
 
     @classmethod
     def record(cls, body: bk.Embodiment, seed: int, steps: int, duration: float, **settings: Any) -> World:
-        """Simulates; `settings` go to each of the three motions."""
+        """Simulates; `settings` (dynamics, noise) go to each of the three motions."""
         return cls(
             body,
             seed,
             steps,
-            bk.simulate.circle(body, seed=seed, **settings),
-            bk.simulate.face_tour(body, seed=seed, **settings),
-            bk.simulate.random_touch(body, seed=seed, duration=duration, **settings),
+            bk.simulate(body, bk.motions.Circle(), seed, **settings),
+            bk.simulate(body, bk.motions.FaceTour(), seed, **settings),
+            bk.simulate(body, bk.motions.RandomTouch(duration), seed, **settings),
         )
 
     @cached_property
@@ -91,7 +91,7 @@ def of_jacobian(world: World, learned: LearnedJacobian) -> dict[str, float]:
     q, dq = world.motion
     image = world.tour["true_hand_image"].values[0]
     path = bk.integrate(bk.experience(world.tour), learned, reset="none", initial=image[0]).values[0]
-    use = bk.metrics.unit_metric("use", dq=dq)
+    use = bk.metrics.motion_metric(dq, "true")
     with torch.no_grad():
         estimated = learned.jacobian(world.postures).numpy()
         foreseen = learned.displacement(q, dq).numpy()

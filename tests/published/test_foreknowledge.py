@@ -93,7 +93,7 @@ def test_postures_are_spread_over_the_touch_motion_and_its_padding_left_out(circ
     one, other = (fk.Known.of(circle, q, LeastSquares(), most=11) for q in (touch.q.values, padded))
     torch.testing.assert_close(one.postures, other.postures, rtol=0, atol=0)
     np.testing.assert_array_equal(one.samples, np.linspace(0, touch.sizes["time"] - 1, 11).round())
-    np.testing.assert_allclose(one.metric, bk.metrics.unit_metric("use", dq=np.diff(touch.q.values, axis=1)))
+    np.testing.assert_allclose(one.metric, bk.metrics.motion_metric(touch))
     np.testing.assert_array_equal(one.metric, other.metric)
 
 
@@ -435,7 +435,7 @@ def test_several_distances_are_trials_of_one_recording(body):
     assert seen.sizes["trial"] == len(condition.distances)
     for trial, distance in enumerate(condition.distances):
         own = kinematic.streams(0)[1 + trial]
-        alone = bk.simulate.circle(body, seed=own, dynamics=False, distance=distance, turns=0.2)
+        alone = bk.simulate(body, bk.motions.Circle(distance=distance, turns=0.2), own, dynamics=False)
         one = seen.isel(trial=[trial], time=slice(0, alone.sizes["time"]))
         xr.testing.assert_equal(one.drop_vars("trial"), alone.drop_vars("trial"))
         assert (seen["taxel"].values[trial, alone.sizes["time"] :] == -1).all()
@@ -471,7 +471,7 @@ def test_all_predictors_say_what_they_assume(body):
         (lambda b, c, t: fk.Known.of(c, np.zeros(5), LeastSquares()), InvalidPosture, "in order"),
         (lambda b, c, t: fk.Known.of(c, t.q.values, "LeastSquares"), InvalidConfig, "an estimator"),
         (lambda b, c, t: fk.Known.of(c, t.q.values, LeastSquares(), most=0), InvalidConfig, "most=0"),
-        (lambda b, c, t: fk.MeanPostureDistance("inch"), InvalidConfig, "'radian' or 'seen'"),
+        (lambda b, c, t: fk.MeanPostureDistance("inch"), InvalidConfig, "'radian', 'seen'"),
         (lambda b, c, t: fk.GaussianProcessPosterior(draws=0), InvalidConfig, "draws=0"),
         (lambda b, c, t: fk.GaussianProcessPosterior("cubic"), InvalidConfig, "kernel='cubic'"),
         (lambda b, c, t: fk.PerturbedArms(b, arms=0), InvalidConfig, "arms=0"),

@@ -21,6 +21,7 @@ ENCODER, IMAGE = 2e-3, 5e-4
 SEEDS, ENTROPY = (3, 8), 7
 CIRCLE, TOUCH, TOUR = {"turns": 1.0}, {"duration": 20.0}, {"speed": 0.2}
 FELT = {"dynamics": False, "encoder_noise": ENCODER, "image_noise": IMAGE}
+NOISE = bk.Noise(encoder=ENCODER, image=IMAGE)
 ESTIMATORS = {"rational": bk.estimators.RationalTrig(), "paper": bk.estimators.PaperMLP(steps=30)}
 PROBES = ("on_circle", "in_front", "on_face", "joint_space")
 JOINT_SPACE = 60
@@ -57,9 +58,9 @@ class Recomputed:
     def __init__(self, body, seed):
         self.body, self.seed = body, seed
         circle, touch, tour = stream(f"infant/noisy/{seed}", 3)
-        self.circle = bk.simulate.circle(body, seed=circle, **CIRCLE, **FELT)
-        self.touch = bk.simulate.random_touch(body, seed=touch, **TOUCH, **FELT)
-        self.tour = bk.simulate.face_tour(body, seed=tour, **TOUR, **FELT)
+        self.circle = bk.simulate(body, bk.motions.Circle(**CIRCLE), circle, dynamics=False, noise=NOISE)
+        self.touch = bk.simulate(body, bk.motions.RandomTouch(**TOUCH), touch, dynamics=False, noise=NOISE)
+        self.tour = bk.simulate(body, bk.motions.FaceTour(**TOUR), tour, dynamics=False, noise=NOISE)
         everywhere = range(body.skin.count)
         self.probes = {
             "on_circle": torch.from_numpy(self.circle["true_q"].values[0]),
@@ -67,11 +68,11 @@ class Recomputed:
             "on_face": body.touch_postures(everywhere),
         }
         drawn = body.felt_robot.sample(400, seed=0)
-        seen = body.hand_in_camera(drawn)[:, 2] >= body.camera.near
+        seen = body.hand_in_camera(drawn)[:, 2] >= body.camera.screen.near
         self.probes["joint_space"] = drawn[seen][:JOINT_SPACE]
         self.true = {probe: body.hand_image_jacobian(q).numpy() for probe, q in self.probes.items()}
         steps, use = (np.diff(one["true_q"].values[0], axis=0) for one in (self.circle, self.touch))
-        self.excitation = metrics.excitation(steps, use, 0.1)
+        self.excitation = metrics.excitation(steps, use, "true", 0.1)
         self.metric = use.T @ use / len(use)
         self.metric += 1e-6 * np.trace(self.metric) / body.p * np.eye(body.p)
 
@@ -135,7 +136,7 @@ def test_every_score_is_recomputed_somewhere(results):
     recomputed = {
         "relative_error", "relative_error_use", "scale_free_error", "attribution", "scale",
         "relative_error_by_posture", "scale_free_error_by_posture", "critical_gain_by_posture",
-        "depth_by_posture", "variation_by_posture", "basin_by_posture",
+        "scale_by_posture", "variation_by_posture", "basin_by_posture",
         "displacement_error", "velocity_correlation", "velocity_nrmse", "trajectory_rmse", "trajectory_split",
         "touch_trajectory_rmse", "map_error", "map_error_to_truth", "map_topological_error", "map_span",
         "map_disparity", "map_folded_cells", "posture_map_error",
@@ -173,7 +174,7 @@ def test_scores_at_a_probe(pair, probe):
     assert at["relative_error_by_posture"].isel(posture=slice(n, None)).isnull().all()
     close(by_posture["relative_error_by_posture"], np.sqrt(size(E, W) / size(J, W)), rtol=1e-6)
     close(by_posture["variation_by_posture"], size(deviation, W) / size(J, W).mean(), rtol=1e-6)
-    close(by_posture["depth_by_posture"], (1 - scale) ** 2 * size(Jh, W) / size(J, W).mean(), rtol=1e-6)
+    close(by_posture["scale_by_posture"], (1 - scale) ** 2 * size(Jh, W) / size(J, W).mean(), rtol=1e-6)
     free = 1 - np.einsum("nij,jk,nik->n", Jh, W, J) ** 2 / (size(Jh, W) * size(J, W))
     np.testing.assert_allclose(by_posture["scale_free_error_by_posture"], free, rtol=1e-5, atol=1e-9)
     gain = metrics.critical_gain(metrics.servo_matrix(J, Jh))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from bodyimage_kin import metrics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import PostureSOM
 from bodyimage_kin.published.fuke2007.conditions import Motion, Settings
-from bodyimage_kin.recordings import experience, paths, simulate, write_recording
+from bodyimage_kin.recordings import experience, motions, simulate, write_recording
 from bodyimage_kin.study.maps import POSTURE_GRID, Lesson, seen_range
 
 _IN_FRONT = 0.03
@@ -56,13 +56,13 @@ class Scene:
 
 def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, folder: Path) -> Scene:
     """Simulates, and writes the recordings into the folder, ``MOTION_seedSEED_KIND.nc``."""
-    felt = {"encoder_noise": settings.encoder_noise, "image_noise": settings.image_noise}
-    asked: dict[str, Any] = {"seed": seed, **motion.settings, **felt}
-    circle = simulate.circle(body, **asked)
-    tour = simulate.face_tour(body, **asked)
-    touch = simulate.random_touch(body, duration=settings.touch_duration, **asked)
-    for recording in (circle, tour, touch):
-        write_recording(recording, folder / f"{motion.name}_seed{seed}_{recording.attrs['kind']}.nc")
+    noise = replace(motion.noise, encoder=settings.encoder_noise, image=settings.image_noise)
+    asked: dict[str, Any] = {"seed": seed, "dynamics": motion.dynamics, "noise": noise}
+    circle = simulate(body, motions.Circle(), **asked)
+    tour = simulate(body, motions.FaceTour(), **asked)
+    touch = simulate(body, motions.RandomTouch(settings.touch_duration), **asked)
+    for kind, recording in {"circle": circle, "face_tour": tour, "random_touch": touch}.items():
+        write_recording(recording, folder / f"{motion.name}_seed{seed}_{kind}.nc")
     probes = probe_postures(body, circle)
     touching = touch["true_q"].values[0][touch["true_taxel"].values[0] >= 0]
     return Scene(
@@ -73,7 +73,7 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
         touch=touch,
         probes=probes,
         truth={probe: body.hand_image_jacobian(q).numpy() for probe, q in probes.items()},
-        excitation=metrics.excitation(_displacements(circle), _displacements(touch)),
+        excitation=metrics.excitation(circle, touch),
         true_map=body.hand_image(probes["on_face"]).numpy().reshape(*body.require_skin().shape, body.m),
         loop=_closed_loop(body),
         lesson=Lesson(
@@ -96,12 +96,6 @@ def probe_postures(body: Embodiment, circle: xr.Dataset) -> dict[str, Float[torc
     }
 
 
-def _displacements(recording: xr.Dataset) -> Float[np.ndarray, "steps p"]:
-    """Felt displacements of the joints in one sampling step."""
-    steps = np.diff(recording["q"].values, axis=1)
-    return steps.reshape(-1, steps.shape[-1])
-
-
 def depth_scale(scene: Scene) -> float:
     """How much farther the hand was on the circle than it is while touching: what a scaled rival is told."""
     with torch.no_grad():
@@ -119,14 +113,14 @@ def distances(scene: Scene) -> dict[str, np.ndarray]:
 
 
 def jacobian_change(scene: Scene) -> float:
-    """How much the mean true Jacobian changes from the circle to the face, in the unit metric of touching."""
+    """How much the mean true Jacobian changes from the circle to the face, in the metric of touching."""
     seen, touching = scene.truth["on_circle"].mean(0), scene.truth["on_face"].mean(0)
-    return metrics.pooled_relative_error(touching[None], seen[None], scene.excitation.metric)
+    return metrics.pooled_relative_error(touching[None], seen[None], scene.excitation.motion_metric)
 
 
 def _closed_loop(body: Embodiment) -> Float[torch.Tensor, "time p"]:
     """Postures over the landmarks of the face and back to the first: each place has one posture, so the loop closes."""
-    stops = [*simulate.TOUR, simulate.TOUR[0]]
-    path = paths.face_tour(body, landmarks=stops, speed=0.05, sampling=0.1)
+    tour = motions.FaceTour(landmarks=(*motions.TOUR, motions.TOUR[0]))
+    path = tour.path(body, np.random.default_rng(0), tour.sampling)
     postures, _ = body.reach(torch.from_numpy(path.centres))
     return torch.cat([postures, postures[:1]])

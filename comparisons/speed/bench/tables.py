@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bodyimage_kin._files import write_text
-
 _NOT_DRAWN = ("numba, out=", "Pinocchio, whole robot")
 _ORACLE = "Pinocchio, arm alone"
 COMMAND = "python comparisons/speed/run.py"
@@ -18,7 +16,7 @@ def write(result: Mapping[str, Any], folder: str | Path) -> Path:
     """Writes speed.json, speed.md, speed.svg and speed.png.
 
     Args:
-        result: What :func:`bodyimage_kin.bench.run` gave.
+        result: What :func:`bench.run` gave.
         folder: Where to; made if missing, earlier files of these names are replaced.
 
     Returns:
@@ -26,9 +24,9 @@ def write(result: Mapping[str, Any], folder: str | Path) -> Path:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "speed.json", json.dumps(result, indent=1) + "\n")
+    (folder / "speed.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     _plot(result, folder)
-    write_text(folder / "speed.md", markdown(result))
+    (folder / "speed.md").write_text(markdown(result), encoding="utf-8")
     return folder / "speed.md"
 
 
@@ -140,17 +138,17 @@ def _spread(values: Sequence[float]) -> str:
 
 def _plot(result: Mapping[str, Any], folder: Path) -> None:
     """Postures a second over the batch, a panel an arm."""
-    from bodyimage_kin.figures.style import DOUBLE_COLUMN, appearances, new_figure, save, style
+    from bodyimage_kin import figures
 
     rows = result["forward"]
     robots = list(dict.fromkeys(row["robot"] for row in rows))
     # As many as can be told apart: the variants that are left out have their rows in the tables.
     engines = [name for name in dict.fromkeys(row["engine"] for row in rows) if name not in _NOT_DRAWN]
-    with style():
-        figure = new_figure(DOUBLE_COLUMN, DOUBLE_COLUMN / 2.6)
-        looks = appearances(name for name in engines if name != _ORACLE)
-        looks[_ORACLE] = appearances(["truth"])["truth"]
-        panels = figure.subplots(1, len(robots), sharey=True, squeeze=False)[0]
+    with figures.style():
+        looks = figures.looks(name for name in engines if name != _ORACLE)
+        looks[_ORACLE] = figures.looks(["truth"])["truth"]
+        figure, grid = figures.panels(1, len(robots), height=2.7, sharey=True)
+        panels = grid[0]
         for axes, robot in zip(panels, robots, strict=True):
             for engine in engines:
                 points = [row for row in rows if row["robot"] == robot and row["engine"] == engine]
@@ -161,4 +159,4 @@ def _plot(result: Mapping[str, Any], folder: Path) -> None:
             axes.set(xscale="log", yscale="log", xlabel="batch", title=robot)
         panels[0].set_ylabel("postures a second")
         panels[-1].legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
-        save(figure, folder, "speed")
+        figures.save(figure, folder, "speed")
