@@ -162,7 +162,9 @@ def _points(axes: Axes, places: np.ndarray, label: str) -> Iterator[Shown]:
 
 def _errorbars(axes: Axes, container: ErrorbarContainer) -> Iterator[Shown]:
     line, _, bars = container.lines
-    ends = np.array(bars[0].get_segments())[..., 0 if container.has_xerr else 1]
+    along = 0 if container.has_xerr else 1
+    # Of a bar that has no end, matplotlib keeps no segment of two.
+    ends = [bar[:, along] if len(bar) == 2 else (np.nan, np.nan) for bar in bars[0].get_segments()]
     for (x, y), (lower, upper) in zip(np.asarray(line.get_xydata(), dtype=float), ends, strict=True):
         if np.isfinite([x, y]).all():
             yield Shown(axes, str(container.get_label()), float(x), float(y), float(lower), float(upper))

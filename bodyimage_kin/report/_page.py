@@ -95,7 +95,7 @@ def csv_of(figure: Figure) -> str:
 def file_name(name: str) -> str:
     """A name as part of a file's: itself where that is plain, otherwise with a hash, so that no two become one."""
     plain = re.sub(r"[^\w.-]+", "-", name, flags=re.ASCII).strip("-.")[:60]
-    return plain if plain == name else f"{plain or 'name'}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return plain if plain and plain == name else f"{plain or 'name'}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 def labels_of(results: xr.Dataset, labels: Mapping[str, str] | None) -> dict[str, str]:
@@ -111,7 +111,7 @@ def number(value: float | None, digits: int = 3) -> str:
     return _signed(f"{value:.{digits}g}") if value != 0 else "0"
 
 
-def fixed(value: float | None, digits: int = 2, factor: float = 1.0) -> str:
+def fixed(value: float | None, digits: int = 2, factor: float | int = 1.0) -> str:
     """Digits after the point; a dash for none."""
     if value is None or not math.isfinite(value):
         return "–"  # noqa: RUF001
