@@ -5,6 +5,25 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+__all__ = [
+    "BodyImageKinError",
+    "FoldedLens",
+    "InvalidArray",
+    "InvalidConfig",
+    "InvalidGeometry",
+    "InvalidPosture",
+    "InvalidRecording",
+    "InvalidURDF",
+    "MissingDependency",
+    "NoSkin",
+    "NotDifferentiable",
+    "NotVisible",
+    "OutputRefused",
+    "UnknownName",
+    "Unreachable",
+    "UnsupportedDevice",
+]
+
 
 class BodyImageKinError(Exception):
     """Base of all errors raised on purpose by this package."""
@@ -114,3 +133,7 @@ class InvalidGeometry(BodyImageKinError):
 
 class OutputRefused(BodyImageKinError):
     """An output place that exists and is not ours: it is never overwritten silently."""
+
+
+class DataWarning(UserWarning):
+    """Data that cannot carry what is asked of them, in one line: the result is what it is, and not to be trusted."""

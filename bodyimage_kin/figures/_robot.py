@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -29,8 +30,8 @@ from bodyimage_kin.figures._views import (
     skin_places,
     window_of,
 )
+from bodyimage_kin.figures._visuals import Surface, link_poses
 from bodyimage_kin.figures.labels import drawn
-from bodyimage_kin.figures.visuals import Surface, link_poses
 
 PATH: dict[str, Any] = {"color": "#882255", "linewidth": 1.3}
 """Of a hand in space."""
@@ -49,6 +50,7 @@ def robot(
     links: Iterable[str] | None = None,
     azimuth: float | int | None = None,
     elevation: float | int | None = None,
+    mesh_folder: str | os.PathLike[str] | None = None,
 ) -> Axes:
     """The robot at a posture, drawn from its own geometry, with its taxels and landmarks where they are seen.
 
@@ -61,6 +63,7 @@ def robot(
         links: The links to draw; None: all.
         azimuth: Of the viewer, from x to y [degrees]; None: obliquely, from the side where fewest taxels are covered.
         elevation: Of the viewer [degrees]; None: a little above.
+        mesh_folder: Where meshes may be read; None: the folder of the URDF.
 
     Returns:
         The axes; a bar shows the scale.
@@ -71,7 +74,7 @@ def robot(
         InvalidGeometry: Visuals that cannot be read, or none at all.
     """
     posture = as_postures(body.felt_home if q is None else q, body.p)
-    surface = posed(body, posture, body.robot.link_names if links is None else tuple(links))
+    surface = posed(body, posture, body.robot.link_names if links is None else tuple(links), mesh_folder)
     ways = {name: shaped(path, f"path {name!r}", None, 3) for name, path in (paths or {}).items()}
     taxels = skin_places(body, posture) if body.skin is not None else np.empty((0, 3))
     shown = np.concatenate([taxels, *ways.values()])

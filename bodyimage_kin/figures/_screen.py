@@ -31,8 +31,8 @@ from bodyimage_kin.figures._views import (
     project,
     window_of,
 )
+from bodyimage_kin.figures._visuals import Surface
 from bodyimage_kin.figures.labels import drawn, label
-from bodyimage_kin.figures.visuals import Surface
 from bodyimage_kin.robot.shapes import cast
 
 _MM = 1000.0

@@ -7,6 +7,7 @@ points the robot covers.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -17,7 +18,7 @@ from jaxtyping import Bool, Float
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
-from bodyimage_kin.figures.visuals import Surface, triangles
+from bodyimage_kin.figures._visuals import Surface, triangles
 
 Window: TypeAlias = tuple[float, float, float, float]
 """Left, right, bottom, top on the picture plane [m]."""
@@ -150,10 +151,12 @@ def felt_links(body: Embodiment) -> tuple[str, ...]:
     )
 
 
-def posed(body: Embodiment, q: ArrayLike | None, links: Iterable[str]) -> Surface:
+def posed(
+    body: Embodiment, q: ArrayLike | None, links: Iterable[str], mesh_folder: str | os.PathLike[str] | None = None
+) -> Surface:
     """Some links at a felt posture (p,), the other joints at home; with no posture, the robot at zero."""
     posture = {} if q is None else body.robot.named(body.full_posture(q))
-    return triangles(body.robot, posture, links=links)
+    return triangles(body.robot, posture, links=links, mesh_folder=mesh_folder)
 
 
 def camera_pose(body: Embodiment, q: ArrayLike) -> Float[np.ndarray, "4 4"]:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.robot.transforms import rpy_matrix, transform
 from bodyimage_kin.robot.tree import Joint
 
 
@@ -71,11 +69,7 @@ def limbs(robot: Robot) -> tuple[Limb, ...]:
         """The link and all that is fixed to it, with where each is in the link."""
         found = [(link, np.eye(4))]
         for name, place in found:
-            found += [
-                (joint.child, place @ transform(rpy_matrix(joint.rpy), joint.xyz))
-                for joint in below.get(name, ())
-                if joint.kind == "fixed"
-            ]
+            found += [(joint.child, place @ joint.origin) for joint in below.get(name, ()) if joint.kind == "fixed"]
         return found
 
     def following(link: str) -> list[tuple[Joint, Float[np.ndarray, "3"]]]:
@@ -117,13 +111,7 @@ def limbs(robot: Robot) -> tuple[Limb, ...]:
 
 def link_masses(robot: Robot) -> dict[str, float]:
     """The masses that the URDF gives, by link [kg]."""
-    # The strict reader has refused documents with entities before a Robot exists.
-    masses = {}
-    for link in ElementTree.fromstring(robot.source).iterfind("link"):
-        mass = link.find("inertial/mass")
-        if mass is not None and "value" in mass.attrib:
-            masses[link.attrib["name"]] = float(mass.attrib["value"])
-    return masses
+    return {link: geometry.inertial.mass for link, geometry in robot.geometry.items() if geometry.inertial is not None}
 
 
 def _whole(value: float) -> str:

@@ -22,7 +22,7 @@ from bodyimage_kin import metrics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import BodyImage, PostureSOM
 from bodyimage_kin.errors import InvalidRecording
-from bodyimage_kin.recordings import experience
+from bodyimage_kin.recordings import experience, first_taxel
 
 POSTURE_GRID = (8, 8)
 """Of the posture map."""
@@ -78,7 +78,7 @@ def lesson(body: Embodiment, training: xr.Dataset, touch: xr.Dataset, seed: int)
         InvalidRecording: No touches.
     """
     felt = experience(touch)
-    q, taxel = felt["q"].values[0], felt["taxel"].values[0]
+    q, taxel = felt["q"].values[0], first_taxel(felt)[0]
     if not (taxel >= 0).any():
         raise InvalidRecording("the hand never felt a touch, so there is nothing to map; let touch.duration be longer")
     som = PostureSOM.fit(q[taxel >= 0], POSTURE_GRID, seed)

@@ -145,7 +145,7 @@ def test_an_unknown_order_is_refused():
 
 def test_blocks_are_counted():
     exp = scattered(*cloud(30))
-    with pytest.raises(InvalidRecording, match="'block' holds float64"):
+    with pytest.raises(InvalidRecording, match="'block' holds numbers that are not whole"):
         pairs(exp.assign(block=exp.block * 1.5))
 
 
@@ -181,6 +181,7 @@ EVERY = {
     "Ensemble": estimators.Ensemble(estimators.Ridge(), members=2, missing=0.3),
 }
 STREAMS_ALONE = {"Broyden", "RecursiveLeastSquares", "Kalman"}
+LEARNED_ALREADY = {"Given", "Saved"}
 OF_A_BODY = {"SelfCalibration": {"starts": 1, "steps": 5}, "Analytic": {}}
 
 
@@ -189,11 +190,11 @@ def poses(body):
     generator = torch.Generator().manual_seed(0)
     q = body.felt_home + 0.15 * torch.randn(120, body.p, generator=generator, dtype=torch.float64)
     q = q[body.hand_in_camera(q)[:, 2] > 0.03][:70]
-    return scattered(q.numpy(), body.hand_image(q).numpy())
+    return scattered(q.numpy(), body.hand_image(q).numpy()).assign_coords(joint=list(body.joints))
 
 
 def test_every_estimator_is_asked():
-    asked = {name.partition("-")[0] for name in EVERY} | STREAMS_ALONE | set(OF_A_BODY)
+    asked = {name.partition("-")[0] for name in EVERY} | STREAMS_ALONE | set(OF_A_BODY) | LEARNED_ALREADY
     assert asked == set(estimators.names())
 
 

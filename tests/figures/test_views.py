@@ -6,14 +6,19 @@ import pytest
 import bodyimage_kin as bk
 from bodyimage_kin import figures
 from bodyimage_kin.errors import InvalidGeometry
+from bodyimage_kin.figures import _visuals as visuals
 from bodyimage_kin.figures._rasteriser import draw_surface, render
 from bodyimage_kin.figures._views import View, clearest, facing, hidden, project, window_of
-from bodyimage_kin.figures.visuals import Surface, triangles
+from bodyimage_kin.figures._visuals import Surface
 
 FRONT = View(np.zeros(3), 0.0, 0.0)
 BALL = """<robot name="r"><link name="base"/><link name="ball"><visual><origin xyz="0.2 0 0.5"/>
   <geometry><sphere radius="0.03"/></geometry></visual></link>
   <joint name="weld" type="fixed"><parent link="base"/><child link="ball"/></joint></robot>"""
+
+
+def triangles(urdf, **options):
+    return visuals.triangles(bk.Robot.from_urdf(urdf), {}, **options)
 
 
 def boxes(*places):
@@ -23,7 +28,7 @@ def boxes(*places):
         f'<material name="{name}"><color rgba="{colour} 1"/></material></visual>'
         for x, width, name, colour in places
     )
-    return triangles(f'<robot name="r"><link name="b">{visuals}</link></robot>', {})
+    return triangles(f'<robot name="r"><link name="b">{visuals}</link></robot>')
 
 
 def test_picture_is_true_to_scale_with_depth_away_from_the_viewer():
@@ -45,7 +50,7 @@ def test_every_view_has_a_right_handed_frame(azimuth, elevation):
 
 
 def test_points_behind_the_robot_are_hidden():
-    surface = triangles(BALL, {}, links=["ball"])
+    surface = triangles(BALL, links=["ball"])
     centre = surface.corners.mean((0, 1))
     view = View(centre, 70, -20)
     towards = -view.axes()[2]
@@ -91,7 +96,7 @@ def test_shapes_that_intersect_meet_where_they_do():
         f'<material name="{name}"><color rgba="{colour} 1"/></material></visual>'
         for angle, name, colour in ((1.0, "a", "1 0 0"), (-1.0, "b", "0 0 1"))
     )
-    surface = triangles(f'<robot name="r"><link name="b">{crossed}</link></robot>', {})
+    surface = triangles(f'<robot name="r"><link name="b">{crossed}</link></robot>')
     image = render(surface, FRONT, window_of(project(surface.corners, FRONT)[0]))
     # Two thin plates cross like an X seen from above: each is in front on one side, up to the line where they cross.
     row = image[image.shape[0] // 2]
@@ -119,6 +124,5 @@ def test_the_face_looks_where_its_skin_does(body):
 
 
 def test_nothing_to_draw_is_told():
-    robot = bk.Robot.from_urdf(BALL)
     with pytest.raises(InvalidGeometry, match="nothing to draw"):
-        render(triangles(robot, {}, links=["base"]), FRONT, (-1.0, 1.0, -1.0, 1.0))
+        render(triangles(BALL, links=["base"]), FRONT, (-1.0, 1.0, -1.0, 1.0))

@@ -11,7 +11,7 @@ import torch
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, InvalidURDF, Unreachable
-from bodyimage_kin.recordings import Drag, Noise, dynamics, mujoco_model, simulate, simulate_many
+from bodyimage_kin.recordings import Drag, Noise, dynamics, first_taxel, mujoco_model, simulate, simulate_many
 from bodyimage_kin.recordings.contacts import Contacts, find_contacts, nearest_on_shapes, touched_taxels
 from bodyimage_kin.recordings.dynamics import Course, drag
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
@@ -110,7 +110,8 @@ def test_controls_put_the_damper_on_the_velocity_relative_to_the_target(body):
 def test_mass_is_that_of_the_links(body):
     model = build(body)
     arm = ("shoulder_pitch_link", "shoulder_roll_link", "upper_arm", "forearm", "palm", "hand")
-    expected = sum(mujoco_model._inertials(body.robot)[f"left_{link}"].mass for link in arm)
+    inertials = {link: body.robot.geometry[f"left_{link}"].inertial for link in arm}
+    expected = sum(inertial.mass for inertial in inertials.values())
     assert model.body_mass.sum() == pytest.approx(expected, rel=1e-12)
     # Palm and fist move as one: their common inertia about an axis is that of two bodies apart.
     data = mujoco.MjData(model)
@@ -118,16 +119,14 @@ def test_mass_is_that_of_the_links(body):
     mujoco.mj_forward(model, data)
     full = np.empty((5, 5))
     mujoco.mj_fullM(model, data, full)
-    inertials = mujoco_model._inertials(body.robot)
     expected = np.zeros((5, 5))
     q = body.felt_home
     for link in arm:
-        inertial = inertials[f"left_{link}"]
+        inertial = inertials[link]
         pose, jacobian = body.kinematics.pose_and_jacobian(q, f"left_{link}")
         pose, jacobian = pose.numpy(), jacobian.numpy()
-        origin = np.eye(4) if inertial.origin is None else inertial.origin
-        turned = pose[:3, :3] @ origin[:3, :3]
-        linear = jacobian[:3] + np.cross(jacobian[3:].T, pose[:3, :3] @ origin[:3, 3]).T
+        turned = pose[:3, :3] @ inertial.origin[:3, :3]
+        linear = jacobian[:3] + np.cross(jacobian[3:].T, pose[:3, :3] @ inertial.origin[:3, 3]).T
         expected += inertial.mass * linear.T @ linear
         expected += jacobian[3:].T @ turned @ inertial.inertia @ turned.T @ jacobian[3:]
     assert np.abs(full - expected).max() < 1e-9 * np.abs(expected).max()
@@ -182,18 +181,18 @@ def test_halving_the_step_changes_the_circle_little(body):
 def test_the_hand_slides_on_the_skin_and_hardly_enters_it(body, touch):
     contacts = find_contacts(body.skin, hand_in_skin(body, touch.true_q.values[0]), body.hand.radius, 1e-3)
     assert contacts.penetration.max() < 1e-3
-    assert (touch.true_taxel >= 0).mean() > 0.95
-    assert len(np.unique(touch.true_taxel)) > 50
+    assert (touch.true_touched >= 0).mean() > 0.95
+    assert len(np.unique(touch.true_touched)) > 50
     quiet = simulate(body, FaceTour())
     contacts = find_contacts(body.skin, hand_in_skin(body, quiet.true_q.values[0]), body.hand.radius)
     assert contacts.penetration.max() < 1e-4
-    assert (quiet.true_taxel >= 0).all()
+    assert (quiet.true_touched >= 0).all()
     assert contacts.penetration[1:].min() > 0.0
 
 
 def test_touches_are_where_the_hand_is_led(body):
     tour = simulate(body, FaceTour())
-    visited = body.skin.coordinates(tour.true_taxel.values[0])
+    visited = body.skin.coordinates(first_taxel(tour, truth=True)[0])
     for name in ("mouth", "nose", "right_eye", "left_eye"):
         place = body.skin.coordinates(np.array([body.skin.landmarks[name]]))
         assert np.abs(visited - place).max(axis=1).min() <= 1.0, name
@@ -262,7 +261,7 @@ def test_threads_and_company_change_no_bit(body):
     one = simulate(body, motion, seed=7, noise=NOISE)
     three = simulate(body, motion, seed=7, trials=3, noise=NOISE)
     assert one.true_q.identical(three.true_q[:1])
-    assert one.taxel.identical(three.taxel[:1])
+    assert one.touched.identical(three.touched[:1])
     for threads in (1, 2):
         together = simulate_many(body, motion, [6, 7, 8], noise=NOISE, threads=threads)
         assert together[1].identical(one)

@@ -181,7 +181,8 @@ def test_opening_a_page_makes_no_request(hostile, tmp_path):
     log = tmp_path / "net.json"
     command = [
         CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
-        "--disable-component-update", "--no-first-run", "--host-resolver-rules=MAP * ~NOTFOUND", "--disable-default-apps", "--disable-sync",
+        "--disable-component-update", "--no-first-run", "--host-resolver-rules=MAP * ~NOTFOUND",
+        "--disable-default-apps", "--disable-sync",
         f"--user-data-dir={tmp_path / 'profile'}", f"--log-net-log={log}", "--window-size=390,800", "--dump-dom",
         hostile.as_uri(),
     ]  # fmt: skip

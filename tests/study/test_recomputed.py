@@ -85,7 +85,7 @@ class Recomputed:
         seen = self.circle["hand_image"].values[0]
         bounds = np.stack([seen.min(0), seen.max(0)], axis=1)
         of_posture_map, *first = stream(f"infant/noisy/{self.seed}/first maps", 3)
-        touching = felt["q"].values[0][felt["taxel"].values[0] >= 0]
+        touching = felt["q"].values[0][felt["touched"].values[0, :, 0] >= 0]
         som = PostureSOM.fit(touching, (8, 8), of_posture_map)
         truth = self.body.hand_image(self.probes["on_face"]).numpy().reshape(21, 21, 2)
         asked = {"grid": (21, 21), "image_range": bounds, "posture_som": som}

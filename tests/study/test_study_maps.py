@@ -50,7 +50,7 @@ def by_hand(store, seed, body, first_maps):
     felt = bk.experience(touch)
     hand = bk.integrate(felt, learned)
     som_seed, *seeds = cells.stream(0, f"infant/still/{seed}/first maps", 1 + first_maps)
-    q = felt["q"].values[0][felt["taxel"].values[0] >= 0]
+    q = felt["q"].values[0][felt["touched"].values[0, :, 0] >= 0]
     seen = training["hand_image"].values.reshape(-1, 2)
     settings = {
         "posture_som": bk.body_image.PostureSOM.fit(q, (8, 8), som_seed),

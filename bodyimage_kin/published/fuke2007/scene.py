@@ -17,7 +17,7 @@ from bodyimage_kin import metrics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import PostureSOM
 from bodyimage_kin.published.fuke2007.conditions import Motion, Settings
-from bodyimage_kin.recordings import experience, motions, simulate, write_recording
+from bodyimage_kin.recordings import experience, first_taxel, motions, simulate, write_recording
 from bodyimage_kin.study.maps import POSTURE_GRID, Lesson, seen_range
 
 _IN_FRONT = 0.03
@@ -64,7 +64,7 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
     for kind, recording in {"circle": circle, "face_tour": tour, "random_touch": touch}.items():
         write_recording(recording, folder / f"{motion.name}_seed{seed}_{kind}.nc")
     probes = probe_postures(body, circle)
-    touching = touch["true_q"].values[0][touch["true_taxel"].values[0] >= 0]
+    touching = touch["true_q"].values[0][first_taxel(touch, truth=True)[0] >= 0]
     return Scene(
         body=body,
         seed=seed,
