@@ -8,76 +8,78 @@ Figures of several panels are made by :func:`panels` inside :func:`style`, and f
 :func:`legend` and :func:`save`. Names are shown as :func:`label` says.
 """
 
-from __future__ import annotations
+from bodyimage_kin.figures._errors import attribution as attribution
+from bodyimage_kin.figures._errors import dose_response as dose_response
+from bodyimage_kin.figures._errors import error_by_distance as error_by_distance
+from bodyimage_kin.figures._errors import errors as errors
+from bodyimage_kin.figures._errors import score_chain as score_chain
+from bodyimage_kin.figures._foreknowledge import predicted_errors as predicted_errors
+from bodyimage_kin.figures._foreknowledge import r2_bars as r2_bars
+from bodyimage_kin.figures._layout import DOUBLE_COLUMN as DOUBLE_COLUMN
+from bodyimage_kin.figures._layout import SINGLE_COLUMN as SINGLE_COLUMN
+from bodyimage_kin.figures._layout import fill as fill
+from bodyimage_kin.figures._layout import legend as legend
+from bodyimage_kin.figures._layout import letters as letters
+from bodyimage_kin.figures._layout import panels as panels
+from bodyimage_kin.figures._maps import learning as learning
+from bodyimage_kin.figures._maps import posture_map as posture_map
+from bodyimage_kin.figures._maps import tactile_map as tactile_map
+from bodyimage_kin.figures._paths import trajectories as trajectories
+from bodyimage_kin.figures._paths import velocities as velocities
+from bodyimage_kin.figures._recording import recording as recording
+from bodyimage_kin.figures._robot import joints as joints
+from bodyimage_kin.figures._robot import postures as postures
+from bodyimage_kin.figures._robot import robot as robot
+from bodyimage_kin.figures._saving import save as save
+from bodyimage_kin.figures._saving import svg as svg
+from bodyimage_kin.figures._saving import values as values
+from bodyimage_kin.figures._screen import hand_image as hand_image
+from bodyimage_kin.figures._screen import line_of_sight as line_of_sight
+from bodyimage_kin.figures._screen import virtual_screen as virtual_screen
+from bodyimage_kin.figures._skin import face as face
+from bodyimage_kin.figures._skin import grid as grid
+from bodyimage_kin.figures._skin import skin as skin
+from bodyimage_kin.figures._style import looks as looks
+from bodyimage_kin.figures._style import style as style
+from bodyimage_kin.figures.labels import drawn as drawn
+from bodyimage_kin.figures.labels import label as label
+from bodyimage_kin.figures.labels import labelled as labelled
 
-import importlib
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from bodyimage_kin.figures._errors import attribution as attribution
-    from bodyimage_kin.figures._errors import dose_response as dose_response
-    from bodyimage_kin.figures._errors import error_by_distance as error_by_distance
-    from bodyimage_kin.figures._errors import errors as errors
-    from bodyimage_kin.figures._errors import score_chain as score_chain
-    from bodyimage_kin.figures._foreknowledge import predicted_errors as predicted_errors
-    from bodyimage_kin.figures._foreknowledge import r2_bars as r2_bars
-    from bodyimage_kin.figures._layout import DOUBLE_COLUMN as DOUBLE_COLUMN
-    from bodyimage_kin.figures._layout import SINGLE_COLUMN as SINGLE_COLUMN
-    from bodyimage_kin.figures._layout import fill as fill
-    from bodyimage_kin.figures._layout import legend as legend
-    from bodyimage_kin.figures._layout import letters as letters
-    from bodyimage_kin.figures._layout import panels as panels
-    from bodyimage_kin.figures._maps import learning as learning
-    from bodyimage_kin.figures._maps import posture_map as posture_map
-    from bodyimage_kin.figures._maps import tactile_map as tactile_map
-    from bodyimage_kin.figures._paths import trajectories as trajectories
-    from bodyimage_kin.figures._paths import velocities as velocities
-    from bodyimage_kin.figures._recording import recording as recording
-    from bodyimage_kin.figures._robot import joints as joints
-    from bodyimage_kin.figures._robot import postures as postures
-    from bodyimage_kin.figures._robot import robot as robot
-    from bodyimage_kin.figures._saving import save as save
-    from bodyimage_kin.figures._saving import svg as svg
-    from bodyimage_kin.figures._saving import values as values
-    from bodyimage_kin.figures._screen import hand_image as hand_image
-    from bodyimage_kin.figures._screen import line_of_sight as line_of_sight
-    from bodyimage_kin.figures._screen import virtual_screen as virtual_screen
-    from bodyimage_kin.figures._skin import face as face
-    from bodyimage_kin.figures._skin import grid as grid
-    from bodyimage_kin.figures._skin import skin as skin
-    from bodyimage_kin.figures._style import looks as looks
-    from bodyimage_kin.figures._style import style as style
-    from bodyimage_kin.figures.labels import drawn as drawn
-    from bodyimage_kin.figures.labels import label as label
-    from bodyimage_kin.figures.labels import labelled as labelled
-
-# Public name -> the module that has it: matplotlib is loaded when the first of them is used.
-_FROM = {
-    "_errors": ("attribution", "dose_response", "error_by_distance", "errors", "score_chain"),
-    "_foreknowledge": ("predicted_errors", "r2_bars"),
-    "_layout": ("DOUBLE_COLUMN", "SINGLE_COLUMN", "fill", "legend", "letters", "panels"),
-    "_maps": ("learning", "posture_map", "tactile_map"),
-    "_paths": ("trajectories", "velocities"),
-    "_recording": ("recording",),
-    "_robot": ("joints", "postures", "robot"),
-    "_saving": ("save", "svg", "values"),
-    "_screen": ("hand_image", "line_of_sight", "virtual_screen"),
-    "_skin": ("face", "grid", "skin"),
-    "_style": ("looks", "style"),
-    "labels": ("drawn", "label", "labelled"),
-}
-_EXPORTS = {name: module for module, names in _FROM.items() for name in names}
-
-__all__ = sorted(_EXPORTS)
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _EXPORTS:
-        raise AttributeError(f"module 'bodyimage_kin.figures' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"bodyimage_kin.figures.{_EXPORTS[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return __all__
+__all__ = [
+    "DOUBLE_COLUMN",
+    "SINGLE_COLUMN",
+    "attribution",
+    "dose_response",
+    "drawn",
+    "error_by_distance",
+    "errors",
+    "face",
+    "fill",
+    "grid",
+    "hand_image",
+    "joints",
+    "label",
+    "labelled",
+    "learning",
+    "legend",
+    "letters",
+    "line_of_sight",
+    "looks",
+    "panels",
+    "posture_map",
+    "postures",
+    "predicted_errors",
+    "r2_bars",
+    "recording",
+    "robot",
+    "save",
+    "score_chain",
+    "skin",
+    "style",
+    "svg",
+    "tactile_map",
+    "trajectories",
+    "values",
+    "velocities",
+    "virtual_screen",
+]

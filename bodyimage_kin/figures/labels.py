@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from types import MappingProxyType
 
+__all__ = ["LABELS", "drawn", "label", "labelled", "role"]
+
 LABELS: Mapping[str, str] = {
     "analytic": "analytic Jacobian",
     "analytic_midpoint": "analytic Jacobian, midpoint",

@@ -41,9 +41,9 @@ def write(
         UnknownName: No such estimator.
         InvalidConfig: Not the results of a study.
     """
-    from bodyimage_kin.report import study_page
+    from bodyimage_kin.report import _study_page
 
-    return study_page.write(results, Path(path), baseline, atlas, labels)
+    return _study_page.write(results, Path(path), baseline, atlas, labels)
 
 
 def publish(
@@ -73,6 +73,6 @@ def publish(
         InvalidConfig: Results without ``relative_error_use``, or of a study that was not run to its end.
         OutputRefused: A folder that cannot be written to.
     """
-    from bodyimage_kin.report import publication
+    from bodyimage_kin.report import _publication
 
-    return publication.write(results, Path(folder), baseline, labels)
+    return _publication.write(results, Path(folder), baseline, labels)

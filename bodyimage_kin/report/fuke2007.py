@@ -20,6 +20,8 @@ from bodyimage_kin.published.fuke2007 import CONDITIONS, DIRECT, PARTS, PROBES, 
 from bodyimage_kin.report._limbs import limbs
 from bodyimage_kin.report._page import Picture, inlined, write_page
 
+__all__ = ["write_reproduction"]
+
 _SHOWN = ("paper_mlp", "least_squares", "analytic")
 _MAPPED = (*_SHOWN, DIRECT)
 _PAPER = tuple(condition.name for condition in CONDITIONS if condition.paper)
