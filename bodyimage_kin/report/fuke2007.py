@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
+from statistics import fmean as mean
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bodyimage_kin import figures
@@ -198,7 +200,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "fig03_postures",
             "experiment",
-            partial(_one, figures.postures, body, noisy.postures, width=figures.DOUBLE_COLUMN, height=6.2),
+            partial(figures.row, partial(figures.postures, body, noisy.postures), height=6.2),
             "Representative postures (Fig. 3)",
             "The units of the posture map, trained on the postures of touching.",
         ),
@@ -302,60 +304,31 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
     ]
 
 
-def _one(draw: Any, *arguments: Any, width: float, height: float) -> Figure:
-    """A figure of one panel."""
-    figure, grid = figures.panels(width=width, height=height)
-    draw(*arguments, ax=grid[0, 0])
-    figures.legend(figure)
-    return figure
-
-
 def _robot(body: Embodiment, cell: Cell) -> Figure:
-    touching = body.touch_postures([body.require_skin().landmarks.get("nose", body.require_skin().reference)])[0]
-    figure, grid = figures.panels(1, 2)
-    for axes, close in zip(grid[0], (False, True), strict=True):
-        figures.robot(body, touching, axes, paths={"seen circle of the hand": cell.circle_position}, close=close)
-    return _side_by_side(figure, grid[0])
+    skin, paths = body.require_skin(), {"seen circle of the hand": cell.circle_position}
+    touching = body.touch_postures([skin.landmarks.get("nose", skin.reference)])[0]
+    far, near = (partial(figures.robot, body, touching, paths=paths, close=close) for close in (False, True))
+    return figures.row(far, near, pictures=True, below=True)
 
 
 def _joints(body: Embodiment) -> Figure:
-    figure, grid = figures.panels(1, 2, height=4.2, width=0.75 * figures.DOUBLE_COLUMN)
-    figures.joints(body, grid[0, 0])
-    figures.joints(body, grid[0, 1], turn=90, named=False)
-    return figure
+    front, side = partial(figures.joints, body), partial(figures.joints, body, turn=90, named=False)
+    return figures.row(front, side, lettered=False, height=4.2, width=0.75 * figures.DOUBLE_COLUMN)
 
 
 def _face(body: Embodiment) -> Figure:
-    figure, grid = figures.panels(1, 2)
-    for axes, turn in zip(grid[0], (0, 50), strict=True):
-        figures.skin(body, ax=axes, turn=turn)
-    return _side_by_side(figure, grid[0])
-
-
-def _side_by_side(figure: Figure, axes: Iterable[Any]) -> Figure:
-    figures.letters(axes)
-    figures.legend(figure, columns=4, below=True)
-    figures.fill(figure, axes)
-    return figure
+    front, side = (partial(figures.skin, body, None, turn=turn) for turn in (0, 50))
+    return figures.row(front, side, pictures=True, below=True)
 
 
 def _camera(body: Embodiment) -> Figure:
-    figure, grid = figures.panels(1, 2, sharey=True)
-    for axes, axis in zip(grid[0], (1, 0), strict=True):
-        figures.virtual_screen(body, ax=axes, axis=axis)
-    figures.letters(grid[0])
-    figures.legend(figure, columns=3)
-    figures.fill(figure, grid[0])
-    return figure
+    side, above = (partial(figures.virtual_screen, body, None, axis=axis) for axis in (1, 0))
+    return figures.row(side, above, pictures=True, columns=3)
 
 
 def _circle(body: Embodiment, cell: Cell) -> Figure:
-    figure, grid = figures.panels(1, 2, height=3.85, width_ratios=(1.25, 1))
-    figures.line_of_sight(body, cell.circle_q, grid[0, 0])
-    figures.hand_image(body, cell.circle_q, grid[0, 1])
-    figures.letters(grid[0])
-    figures.legend(figure, columns=3, below=True)
-    return figure
+    outside, seen = (partial(draw, body, cell.circle_q) for draw in (figures.line_of_sight, figures.hand_image))
+    return figures.row(outside, seen, columns=3, below=True, height=3.85, width_ratios=(1.25, 1))
 
 
 def _velocities(cells: Sequence[Cell]) -> Figure:
@@ -377,85 +350,71 @@ def _velocities(cells: Sequence[Cell]) -> Figure:
 
 
 def _trajectories(cell: Cell, places: Mapping[str, np.ndarray]) -> Figure:
-    figure, grid = figures.panels(width=figures.SINGLE_COLUMN)
     estimates = {name: cell.scored[name].tour_image for name in _SHOWN}
-    figures.trajectories(cell.tour_image, estimates, grid[0, 0], landmarks=places)
-    figures.legend(figure)
-    figures.fill(figure, grid[0])
-    return figure
+    draw = partial(figures.trajectories, cell.tour_image, estimates, landmarks=places)
+    return figures.row(draw, pictures=True, width=figures.SINGLE_COLUMN)
 
 
 def _maps(body: Embodiment, cell: Cell, index: int, perfect: np.ndarray) -> Figure:
-    """Every map at one step, on one scale."""
-    figure, grid = figures.panels(1, len(_MAPPED), sharex=True, sharey=True)
-    landmarks = body.require_skin().landmarks
-    for axes, name in zip(grid[0], _MAPPED, strict=True):
-        figures.tactile_map(cell.mapped[name].maps[index], axes, true=perfect, landmarks=landmarks)
-        axes.set_title(figures.drawn(name))
-        axes.label_outer()
+    """Every map at one step, on the scale of all steps."""
     everything = np.concatenate([perfect[None], *(cell.mapped[name].maps for name in _MAPPED)]).reshape(-1, 2) * 1000
     (left, top), (right, bottom) = np.nanmin(everything, 0) - 2, np.nanmax(everything, 0) + 2
-    grid[0, 0].set(xlim=(left, right), ylim=(bottom, top))
-    figures.legend(figure, columns=5)
-    figures.fill(figure, grid[0])
-    return figure
+
+    def draw(name: str, axes: Axes) -> None:
+        landmarks = body.require_skin().landmarks
+        figures.tactile_map(cell.mapped[name].maps[index], axes, true=perfect, landmarks=landmarks)
+        axes.set(title=figures.drawn(name), xlim=(left, right), ylim=(bottom, top))
+
+    draws = [partial(draw, name) for name in _MAPPED]
+    return figures.row(*draws, pictures=True, lettered=False, columns=5, sharex=True, sharey=True)
+
+
+def _posture_maps(body: Embodiment, cell: Cell) -> Figure:
+    true = body.hand_image(cell.postures, on_invisible="nan").numpy()
+
+    def draw(name: str, axes: Axes) -> None:
+        figures.posture_map(cell.mapped[name].posture_map, true, axes, name=name)
+        axes.set_title(figures.drawn(name))
+
+    draws = [partial(draw, name) for name in _MAPPED]
+    return figures.row(*draws, pictures=True, lettered=False, columns=3, sharex=True, sharey=True)
 
 
 def _learning(groups: Mapping[str, Sequence[Cell]]) -> Figure:
     cells = groups[_PAPER[-1]]
     steps = cells[0].mapped[DIRECT].steps
-    chance = fuke2007.permuted_error(groups[fuke2007.BLINDNESS])
-    figure, grid = figures.panels(1, 2, height=2.6)
+    chance = (fuke2007.permuted_error(groups[fuke2007.BLINDNESS]), "chance")
     errors = {name: [cell.mapped[name].topological_errors for cell in cells] for name in _MAPPED}
     spans = {name: [cell.mapped[name].spans.mean(axis=-1) for cell in cells] for name in _MAPPED}
-    figures.learning(steps, errors, grid[0, 0], ylabel="topological error [taxels]", level=(chance, "chance"))
-    figures.learning(steps, spans, grid[0, 1], ylabel="map span / true span", level=(1.0, "true size"))
-    figures.letters(grid[0])
-    figures.legend(figure)
-    return figure
-
-
-def _posture_maps(body: Embodiment, cell: Cell) -> Figure:
-    true = body.hand_image(cell.postures, on_invisible="nan").numpy()
-    figure, grid = figures.panels(1, len(_MAPPED), sharex=True, sharey=True)
-    for axes, name in zip(grid[0], _MAPPED, strict=True):
-        figures.posture_map(cell.mapped[name].posture_map, true, axes, name=name)
-        axes.set_title(figures.drawn(name))
-        axes.label_outer()
-    figures.legend(figure, columns=3)
-    figures.fill(figure, grid[0])
-    return figure
+    return figures.row(
+        partial(figures.learning, steps, errors, ylabel="topological error [taxels]", level=chance),
+        partial(figures.learning, steps, spans, ylabel="map span / true span", level=(1.0, "true size")),
+        height=2.6,
+    )
 
 
 def _error_by_distance(cells: Sequence[Cell]) -> Figure:
-    figure, grid = figures.panels(1, len(PROBES), height=2.7, sharex=True, sharey=True)
-    for axes, probe in zip(grid[0], PROBES, strict=True):
+    def draw(probe: str, axes: Axes) -> None:
         errors = {
             name: np.concatenate([cell.scored[name].error_by_posture[probe] for cell in cells])
             for name in _SHOWN
             if name != "analytic"
         }
         away = 100 * np.concatenate([cell.distance[probe] for cell in cells])
-        figures.error_by_distance(away, errors, axes, xlabel="distance of the hand from the seen circle [cm]")
-        axes.set(title=figures.drawn(probe), xlabel="distance from the seen circle [cm]")
-        axes.label_outer()
-    figures.letters(grid[0])
-    figures.legend(figure)
-    return figure
+        figures.error_by_distance(away, errors, axes, xlabel="distance from the seen circle [cm]")
+        axes.set_title(figures.drawn(probe))
+
+    return figures.row(*(partial(draw, probe) for probe in PROBES), height=2.7, sharex=True, sharey=True)
 
 
 def _attribution(groups: Mapping[str, Sequence[Cell]]) -> Figure:
-    names = ("paper_mlp", "least_squares", "least_squares_scaled")
     figure, grid = figures.panels(2, 3, height=3.1, sharex=True, sharey=True)
     for axes, (condition, cells) in zip(grid.flat, groups.items(), strict=False):
-        parts = {
-            name: {
-                part: float(np.mean([cell.scored[name].attribution["on_face"][part] for cell in cells]))
-                for part in PARTS
-            }
-            for name in names
+        means = {
+            name: {part: mean([cell.scored[name].attribution["on_face"][part] for cell in cells]) for part in PARTS}
+            for name in ("paper_mlp", "least_squares", "least_squares_scaled")
         }
-        figures.attribution(parts, axes)
+        figures.attribution(means, axes)
         axes.set_title(figures.drawn(condition))
         axes.label_outer()
     for axes in grid.flat[len(groups) :]:
@@ -469,8 +428,8 @@ def _doses(groups: Mapping[str, Sequence[Cell]]) -> Figure:
     power = fuke2007.power([cell.blindness for cell in groups[fuke2007.BLINDNESS] if cell.blindness is not None])
     figure, grid = figures.panels(2, 2, height=4.3, sharey=True)
     for axes, (corruption, of) in zip(grid.flat, power.items(), strict=True):
-        alarms = fuke2007.FALSE_ALARMS
-        figures.dose_response(fuke2007.DOSES[corruption], of, axes, false_alarms=alarms, xlabel=_DOSES[corruption])
+        alarms, doses = fuke2007.FALSE_ALARMS, fuke2007.DOSES[corruption]
+        figures.dose_response(doses, of, axes, false_alarms=alarms, xlabel=_DOSES[corruption])
         axes.set_title(figures.drawn(corruption))
     figures.letters(grid.flat)
     figures.legend(figure)
