@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from bodyimage_kin.recordings.simulation import simulate as simulate
     from bodyimage_kin.robot import Robot as Robot
     from bodyimage_kin.study import Study as Study
+    from bodyimage_kin.study import read_study as read_study
+    from bodyimage_kin.study import score as score
 
 # Public name -> the module that it is, or module:name. ``backends`` is a module that can be called: it lists them.
 _PUBLIC = {
@@ -83,9 +85,11 @@ _PUBLIC = {
     "probes": "metrics.probes",
     "published": "published",
     "read_recording": "recordings:read_recording",
+    "read_study": "study:read_study",
     "recording": "recordings:recording",
     "recordings": "recordings",
     "report": "report",
+    "score": "study:score",
     "simulate": "recordings.simulation:simulate",
     "study": "study",
     "testing": "testing",

@@ -64,7 +64,7 @@ def section(results: xr.Dataset) -> dict[str, Any] | None:
         "probe": probe_of_use(results),
         "flattery": _flattery(results),
         "scores": SCORES,
-        "first_maps": int(json.loads(results.attrs.get("config", "{}")).get("first_maps", 1)),
+        "first_maps": _first_maps(results),
     }
 
 
@@ -110,6 +110,12 @@ def _link(
 ) -> None:
     x, y = ({name: cells[axis][name] for name in names} for axis in link)
     figures.score_chain(x, y, axes, named=named, xlabel=link[0], ylabel=link[1])
+
+
+def _first_maps(results: xr.Dataset) -> int:
+    """The most of any seed."""
+    asked = json.loads(results.attrs.get("config", "{}")).get("first_maps", 1)
+    return max(asked.values(), default=1) if isinstance(asked, dict) else int(asked)
 
 
 def _tables(results: xr.Dataset) -> list[dict[str, Any]]:

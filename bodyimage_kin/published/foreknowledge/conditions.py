@@ -10,7 +10,7 @@ import xarray as xr
 
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.recordings import Noise, motions, simulate
-from bodyimage_kin.study.cells import stream
+from bodyimage_kin.study.grid import stream
 
 
 @dataclass(frozen=True)
