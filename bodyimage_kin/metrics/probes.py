@@ -23,6 +23,7 @@ from bodyimage_kin._arrays import ArrayLike, as_float_array, as_postures, refuse
 from bodyimage_kin._checks import number, whole
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidRecording, NotVisible
+from bodyimage_kin.recordings import check, require_aligned
 
 __all__ = [
     "Face",
@@ -71,12 +72,13 @@ class Training(Probe):
     """The postures of what was learned from: the true ones where the recording has a truth, else the felt ones."""
 
     def postures(self, body: Embodiment | None, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
-        """All finite postures of all trials, in order; no body is asked for.
+        """All finite postures of all trials, in order; where there is a body, of its joints.
 
         Raises:
-            InvalidRecording: A recording without postures.
+            InvalidRecording: A recording without postures, or of other joints.
+            UnknownName: A joint that the body does not feel.
         """
-        return torch.from_numpy(_training_postures(seen))
+        return torch.from_numpy(_training_postures(seen, body))
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,7 @@ def distances(
         :class:`Training`, with 1e-6 of its mean diagonal added so that it can be inverted; dimensionless), and distance
         of the hand from the nearest place where it was in training [m].
     """
-    seen = _training_postures(training)
+    seen = _training_postures(training, body)
     postures = as_float_array(q, "q", ndim=2)
     whitened = np.linalg.solve(spread_root(seen), (postures - seen.mean(0)).T)
     places, here = (_in_chunks(body.hand_position, torch.from_numpy(one)).numpy() for one in (seen, postures))
@@ -178,10 +180,9 @@ def spread_root(postures: Float[np.ndarray, "postures p"]) -> Float[np.ndarray, 
     return np.asarray(np.linalg.cholesky(covariance))
 
 
-def _training_postures(training: xr.Dataset) -> Float[np.ndarray, "postures p"]:
+def _training_postures(training: xr.Dataset, body: Embodiment | None) -> Float[np.ndarray, "postures p"]:
+    training = check(training) if body is None else require_aligned(training, body)
     name = "true_q" if "true_q" in training else "q"
-    if name not in training:
-        raise InvalidRecording("the recording has no variable 'q', the postures that are learned from")
     q = as_float_array(training[name].values, name, ndim=1)
     q = q.reshape(-1, q.shape[-1])
     q = q[np.isfinite(q).all(1)]
