@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,11 +50,6 @@ def describe(body: Embodiment, strict: bool = True) -> dict[str, Any]:
     if body.skin is not None:
         tables["skin"] = _skin(body.skin)
     return tables
-
-
-def toml(tables: Mapping[str, Any]) -> str:
-    """Plain values as TOML; what was read back is the same to the bit."""
-    return "\n".join(_lines(tables, "")) + "\n"
 
 
 def _hand(hand: Hand) -> dict[str, Any]:
@@ -113,29 +106,3 @@ def _skin(skin: Skin) -> dict[str, Any]:
         **({} if skin.eye is None else {"eye": by_taxel.get(skin.eye, list(divmod(skin.eye, rows)))}),
         **({"landmarks": places} if places else {}),
     }
-
-
-def _lines(tables: Mapping[str, Any], prefix: str) -> Iterator[str]:
-    """Values first, then tables, as TOML wants it."""
-    for key, value in tables.items():
-        if not isinstance(value, Mapping):
-            yield f"{_key(key)} = {_value(value)}"
-    for key, value in tables.items():
-        if isinstance(value, Mapping):
-            yield f"\n[{prefix}{_key(key)}]"
-            yield from _lines(value, f"{prefix}{_key(key)}.")
-
-
-def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        # A JSON text is a TOML text, but for a control character that JSON leaves as it is.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(value)

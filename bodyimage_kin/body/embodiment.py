@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tomli_w
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -26,7 +27,7 @@ from bodyimage_kin._checks import number, text
 from bodyimage_kin.backends import Kinematics, backends, kinematics
 from bodyimage_kin.body import reach
 from bodyimage_kin.body._build import Mistakes, check_parts, put_together
-from bodyimage_kin.body._description import describe, toml
+from bodyimage_kin.body._description import describe
 from bodyimage_kin.body._reach_kernels import point_in_frame
 from bodyimage_kin.body._seeing import SeeingBody
 from bodyimage_kin.body.cameras import Camera
@@ -175,7 +176,7 @@ class Embodiment(SeeingBody):
         """
         tables = describe(self)
         place = urdf or (f"{self.name}.urdf" if self.robot.file is None else str(self.robot.file))
-        return toml({"name": tables.pop("name"), "urdf": place, **tables})
+        return tomli_w.dumps({"name": tables.pop("name"), "urdf": place, **tables})
 
     def save(self, path: str | Path) -> Path:
         """Writes the body as a TOML file; beside it the robot's URDF where it has no file of its own.
