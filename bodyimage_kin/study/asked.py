@@ -170,7 +170,9 @@ class Reader:
         estimator = None if row.estimator is None else ESTIMATOR.table(row.estimator, self.folder)
         others = {key: value for key, value in specs.settings_of(row).items() if key != "estimator"}
         others = (
-            {key: value for key, value in others.items() if value != specs.settings_of(Row())[key]} if others else {}
+            {key: value for key, value in others.items() if value != specs.settings_of(Row()).get(key)}
+            if others
+            else {}
         )
         if "first_maps" in others:
             others["first_maps"] = first_maps_of(row.first_maps)

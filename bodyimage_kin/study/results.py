@@ -149,7 +149,7 @@ class _Collected:
 
     def add(self, part: files.Part, place: tuple[Any, ...], keep: Any = None) -> None:
         """Takes a part's arrays, all or those that are kept."""
-        names = {str(name).rpartition(":")[2] for name in keep} if keep is not None else None
+        names = {str(name).rpartition(":")[2].lower() for name in keep} if keep is not None else None
         labels = {str(dim): list(map(str, values)) for dim, values in part.notes["labels"].items()}
         for dim, ones in labels.items():
             known = self.labels.setdefault(dim, [])
