@@ -16,11 +16,12 @@ import numpy as np
 import scipy.spatial
 import torch
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array, as_postures, refuse_not_finite
 from bodyimage_kin._checks import number, whole
+from bodyimage_kin.body.cameras import VirtualScreen
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidRecording, NotVisible
 from bodyimage_kin.recordings import check, require_aligned
@@ -105,7 +106,9 @@ class Face(Probe):
 
 @dataclass(frozen=True)
 class JointSpace(Probe):
-    """Postures uniform within the joint limits, of which the hand has an image; the same for every recording.
+    """Postures uniform within the joint limits at which the hand has an image; the same for every recording.
+
+    An image within the camera's sensor; on a virtual screen, which has no border, beyond its near plane.
 
     Attributes:
         count: How many.
@@ -199,13 +202,13 @@ def _face(body: Embodiment, distance: float) -> Float[Tensor, "postures p"]:
 
 @lru_cache(maxsize=8)
 def _joint_space(body: Embodiment, count: int, seed: int) -> Float[Tensor, "postures p"]:
-    """Uniform within the limits; postures whose hand is nearer than the near plane, or behind, are drawn again."""
+    """Uniform within the limits; postures whose hand has no image are drawn again."""
     # The first postures of a longer draw are those of a shorter one, so no more are drawn than it takes.
     drawn = seen = body.felt_robot.sample(0, seed=seed)
     draws = 2 * count
     while len(seen) < count and len(drawn) < count * _DRAWS:
         drawn = body.felt_robot.sample(min(draws, count * _DRAWS), seed=seed)
-        seen = drawn[_in_chunks(body.hand_in_camera, drawn)[:, 2] >= body.camera.screen.near]
+        seen = drawn[_before_the_camera(body, _in_chunks(body.hand_in_camera, drawn))]
         draws = 1 + int(1.1 * draws * count / max(1, len(seen)))
     if len(seen) < count:
         raise NotVisible(
@@ -213,6 +216,12 @@ def _joint_space(body: Embodiment, count: int, seed: int) -> Float[Tensor, "post
             f"probe fewer than {count} of the joint space"
         )
     return seen[:count].clone()
+
+
+def _before_the_camera(body: Embodiment, points: Float[Tensor, "postures 3"]) -> Bool[Tensor, "postures"]:
+    """Whether points have an image: within the sensor, or anywhere on a virtual screen, which has no border."""
+    model = body.camera.model
+    return points[:, 2] >= model.near if isinstance(model, VirtualScreen) else model.visible(points)
 
 
 def _in_chunks(of: Callable[[Tensor], Tensor], q: Float[Tensor, "postures p"]) -> Float[Tensor, "postures ..."]:
