@@ -20,6 +20,7 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "rational_trig": RationalTrig(),
 }
 """Whose errors are foretold: a constant, the paper's network, and one that models depth."""
+_TORQUE = Noise(torque=0.1)
 _STREAM = "foreknowledge"
 """All conditions are paired by seed: what they do not differ in is the same."""
 
@@ -44,7 +45,7 @@ class Condition:
     radius: float = 0.05
     turns: float = 3.0
     dynamics: bool = True
-    noise: Noise = Noise(torque=0.1)
+    noise: Noise = _TORQUE
 
     @property
     def recording(self) -> str:
@@ -74,10 +75,7 @@ CONDITIONS: tuple[Condition, ...] = (
     *(Condition(f"kinematic, {_at(d)}", "kinematic", (d / 100,), dynamics=False, noise=Noise()) for d in (3, 8)),
     *(Condition(f"radius {_at(r)}, 3 cm", f"radius {_at(r)}", (0.03,), radius=r / 100) for r in (3, 7)),
     Condition("one turn, 3 cm", "one turn", (0.03,), turns=1.0),
-    *(
-        Condition(f"noisy sensors, {_at(d)}", "noisy sensors", (d / 100,), noise=Noise(0.1, 1e-3, 2e-4))
-        for d in (3, 8)
-    ),
+    *(Condition(f"noisy sensors, {_at(d)}", "noisy sensors", (d / 100,), noise=Noise(0.1, 1e-3, 2e-4)) for d in (3, 8)),
     Condition("three distances", "three distances", (0.02, 0.05, 0.08), turns=1.0),
 )
 """The infant's arm reaches no farther than 12 cm in front with a circle of 5 cm."""

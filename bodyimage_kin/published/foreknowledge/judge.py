@@ -60,7 +60,11 @@ def judge(results: xr.Dataset, body: Any, conditions: Sequence[Condition] = COND
 
     def table(name: str, estimator: str) -> Float[np.ndarray, "conditions recordings *rest"]:
         found = results[name].isel(embodiment=0).sel(recording=[one.recording for one in conditions])
-        return found.sel(estimator=estimator).transpose("recording", "seed", "predictor", ..., missing_dims="ignore").values
+        return (
+            found.sel(estimator=estimator)
+            .transpose("recording", "seed", "predictor", ..., missing_dims="ignore")
+            .values
+        )
 
     specs = predictors(body, Noise(), "")
     absolute = [name for name, spec in specs.items() if spec.absolute]
@@ -144,7 +148,9 @@ def markdown(found: Mapping[str, Any]) -> str:
         lines += ["", *(f"- {label(name)} refused first in {words}" for name, words in refused.items())] * bool(refused)
     if found["failed"]:
         lines += ["", "## Failed", ""]
-        lines += [f"- {one['condition']}, seed {one['seed']}: {one['words']}" for one in found["failed"]]
+        lines += [
+            f"- {one['condition']}/{one['estimator']}, seed {one['seed']}: {one['words']}" for one in found["failed"]
+        ]
     return "\n".join(lines) + "\n"
 
 
