@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 __all__ = [
     "BodyImageKinError",
+    "DataWarning",
     "FoldedLens",
     "InvalidArray",
     "InvalidConfig",

@@ -15,7 +15,7 @@ from bodyimage_kin.body import Embodiment
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 from bodyimage_kin.recordings._attributes import decoded, encoded
 from bodyimage_kin.recordings.columns import Column, Columns, read_columns
-from bodyimage_kin.recordings.schema import COORDINATES, VARIABLES, check
+from bodyimage_kin.recordings.schema import COORDINATES, VARIABLES, check, with_blocks
 from bodyimage_kin.recordings.tables import TABLES
 from bodyimage_kin.robot import Robot
 
@@ -93,6 +93,8 @@ def read_recording(
     Returns:
         The recording; what no recording has is left in the file.
 
+    A scattered recording without blocks gets contiguous fifths of its rows.
+
     Raises:
         UnknownName: A column, variable or joint that there is not.
         InvalidConfig: Arguments that do not fit together, or arguments of tables with a NetCDF file.
@@ -126,7 +128,7 @@ def read_recording(
     recording.attrs = decoded(recording.attrs)
     for stored_variable in recording.variables.values():
         stored_variable.attrs = decoded(stored_variable.attrs)
-    return check(recording)
+    return with_blocks(check(recording))
 
 
 def _others(path: Path) -> list[str]:

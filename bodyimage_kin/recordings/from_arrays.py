@@ -15,11 +15,20 @@ from jaxtyping import Float, Shaped
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin.errors import InvalidRecording, UnknownName
-from bodyimage_kin.recordings.schema import OBSERVATIONS, ORDERS, TRUE, VARIABLES, WHOLE, assemble, check, normalised
+from bodyimage_kin.recordings.schema import (
+    OBSERVATIONS,
+    ORDERS,
+    TRUE,
+    VARIABLES,
+    WHOLE,
+    assemble,
+    check,
+    normalised,
+    with_blocks,
+)
 
 Values: TypeAlias = ArrayLike | pd.DataFrame
 """One trial, ``(time, ...)``; several, ``(trial, time, ...)`` or a list with an array a trial."""
-_BLOCKS = 5
 _NAMES = ("x", "y", "z")
 
 
@@ -104,8 +113,6 @@ def recording(
         variables["reference_image"] = as_float_array(reference_image, "reference_image", error=InvalidRecording)
     if scattered:
         _check_scattered(variables["q"], sampling, time)
-        count = trials.longest
-        variables.setdefault("block", (np.arange(count) * min(_BLOCKS, count) // count)[None])
     _fit_contacts(variables)
     _check_widths(variables, names)
     units = {"q": _joint_units(joint_units, names)}
@@ -124,7 +131,8 @@ def recording(
     if origin:
         attributes["origin"] = _checks.text("origin", origin, error=InvalidRecording)
     units["time"] = unit_of_time
-    return check(assemble(variables, joints=names, axes=found, time=times, units=units, attributes=attributes))
+    made = assemble(variables, joints=names, axes=found, time=times, units=units, attributes=attributes)
+    return with_blocks(check(made))
 
 
 # Values of samples ---------------------------------------------------------------------------------------------------
@@ -241,8 +249,7 @@ def _cell(name: str, sample: int, cell: object) -> Shaped[np.ndarray, "contact"]
         raise InvalidRecording(f"{name}, sample {sample}: {problem}") from None
     if values.ndim != 1:
         raise InvalidRecording(f"{name}, sample {sample}: give a taxel, a list of taxels, or None")
-    # None in a list of its own is none as well.
-    return values[values >= 0] if name in WHOLE else values
+    return values
 
 
 # What fits together --------------------------------------------------------------------------------------------------

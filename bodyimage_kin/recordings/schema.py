@@ -72,6 +72,7 @@ COORDINATES = ("trial", "time", "joint", "axis", "space", "contact")
 WHOLE = ("touched", "block", "repeat", "true_touched")
 """Variables of whole numbers; all others but ``at_reference`` are float64."""
 ORDERS = ("stream", "scattered")
+_FIFTHS = 5
 _PACKAGES = ("bodyimage-kin", "pin", "mujoco", "torch", "numpy", "scipy", "xarray")
 
 
@@ -273,7 +274,9 @@ def first_taxel(recording: xr.Dataset, truth: bool = False) -> Int[np.ndarray, "
         raise InvalidRecording(
             f"variable '{name}' has dimensions {dict(recording[name].sizes)}; it must have {VARIABLES[name]}"
         )
-    return np.asarray(normalised(name, recording[name].values[..., 0]))
+    touched = normalised(name, recording[name].values)
+    first = (touched >= 0).argmax(axis=-1)
+    return np.asarray(np.take_along_axis(touched, first[..., None], axis=-1)[..., 0])
 
 
 def joint_names(recording: xr.Dataset) -> tuple[str, ...]:
@@ -338,6 +341,18 @@ def _refuse_doubled(names: Sequence[str]) -> None:
     doubled = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if doubled:
         raise InvalidRecording(f"joint '{doubled[0]}' is there {names.count(doubled[0])} times; name each joint once")
+
+
+def with_blocks(recording: xr.Dataset) -> xr.Dataset:
+    """A scattered recording with blocks: contiguous fifths of its rows where it has none; a stream as it is.
+
+    They are written down when a recording is made or read, so that they travel with the rows.
+    """
+    if not is_scattered(recording) or "block" in recording:
+        return recording
+    count = recording.sizes["time"]
+    fifths = np.arange(count) * min(_FIFTHS, count) // count
+    return recording.assign(block=(_SAMPLE, np.broadcast_to(fifths, (recording.sizes["trial"], count)).copy()))
 
 
 def canonical_order(recording: xr.Dataset) -> Int[np.ndarray, "rows"]:

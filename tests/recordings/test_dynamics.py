@@ -253,6 +253,15 @@ def test_noise_excites_what_a_quiet_circle_leaves_still(body):
     assert noisy[4] / noisy[0] > 0.1
 
 
+def test_the_longer_a_torque_is_held_the_more_it_moves(body):
+    quiet = simulate(body, Circle(turns=0.5)).true_q.values
+    brief, long = (
+        simulate(body, Circle(turns=0.5), noise=Noise(torque=0.1, torque_hold=hold)).true_q.values
+        for hold in (0.002, 0.1)
+    )
+    assert np.std(long - quiet) > 2 * np.std(brief - quiet) > 0.0
+
+
 # The same bits -------------------------------------------------------------------------------------------------------
 
 

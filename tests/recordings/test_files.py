@@ -155,8 +155,16 @@ def test_a_file_of_other_numbers_is_read_as_the_schema_has_them(tmp_path, circle
     assert (again.q.dtype, again.touched.dtype) == (np.float64, np.int64)
     np.testing.assert_array_equal(again.q, (circle.q * 10).round())
     # What was read is written as it is now, not as the file had it.
-    bk.write_recording(again.assign(q=circle.q), tmp_path / "rec.nc")
+    again.q.values[:] = circle.q.values
+    bk.write_recording(again, tmp_path / "rec.nc")
     np.testing.assert_array_equal(bk.read_recording(tmp_path / "rec.nc").q, circle.q)
+
+
+def test_a_scattered_file_without_blocks_is_read_in_contiguous_fifths(tmp_path, circle):
+    bk.write_recording(circle.assign_attrs(order="scattered"), tmp_path / "rec.nc")
+    block = bk.read_recording(tmp_path / "rec.nc").block.values[0]
+    assert (np.diff(block) >= 0).all()
+    assert np.bincount(block).tolist() == [len(part) for part in np.array_split(block, 5)]
 
 
 def test_text_where_numbers_are_meant_is_refused(tmp_path, circle):

@@ -63,6 +63,14 @@ def test_the_circle_goes_round_both_ways_at_constant_speed(body, circle):
     assert (x * dy - y * dx > 0).all()
 
 
+def test_each_circle_begins_at_a_phase_of_its_own(body):
+    rec = simulate(body, "circle", trials=6)
+    away = rec.true_hand_image.values[:, 0] - rec.true_hand_image.values.mean(axis=(0, 1))
+    phases = np.sort(np.arctan2(away[:, 1], away[:, 0]))
+    assert np.diff(phases).min() > 1e-3
+    assert np.ptp(phases) > 1.0
+
+
 def test_the_tour_visits_the_landmarks_in_order(body, tour):
     taxels = first_taxel(tour, truth=True)[0]
     assert (taxels >= 0).all()

@@ -133,10 +133,10 @@ def test_an_experience_has_nothing_that_is_named_true(circle):
 
 
 def test_the_first_taxel_is_the_first_that_is_touched():
-    touched = np.array([[[4, 7], [9, -1], [-1, -1]]])
-    recording = least(count=3, touched=touched, true_touched=touched + 1)
-    assert first_taxel(recording).tolist() == [[4, 9, -1]]
-    assert first_taxel(recording, truth=True).tolist() == [[5, 10, 0]]
+    touched = np.array([[[4, 7], [9, -1], [-1, -1], [-1, 3]]])
+    recording = least(count=4, touched=touched, true_touched=touched + 1)
+    assert first_taxel(recording).tolist() == [[4, 9, -1, 3]]
+    assert first_taxel(recording, truth=True).tolist() == [[5, 10, 0, 0]]
     for truth, name in ((False, "touched"), (True, "true_touched")):
         with pytest.raises(InvalidRecording, match=f"no variable '{name}'"):
             first_taxel(least(), truth)

