@@ -251,10 +251,6 @@ def outside() -> dict[str, str]:
 
 OUTSIDE = outside()
 PRIVATE_OUTSIDE = {
-    ("comparisons/ambiguities/figure.py", "figures._panels.legend_above"),
-    ("comparisons/ambiguities/run.py", "_files.write_text"),
-    ("comparisons/ambiguities/run.py", "_progress.Report"),
-    ("comparisons/ambiguities/run.py", "_progress.progress"),
     ("comparisons/estimators/run.py", "_files.write_text"),
     ("comparisons/foreknowledge/run.py", "_files.write_text"),
     ("comparisons/foreknowledge/run.py", "_progress.progress"),
