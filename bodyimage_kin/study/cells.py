@@ -82,7 +82,7 @@ def learn(block: Block, name: str, table: Table) -> str:
     failures = [""] * len(block.seeds)
     try:
         row = row_of(table, folder)
-        known = [{key: values[index] for key, values in facts.arrays.items()} for index in range(len(block.seeds))]
+        known = [{key: values[index].copy() for key, values in facts.arrays.items()} for index in range(len(block.seeds))]
         contexts = [_context(block, body, recordings, index, row, known[index]) for index in range(len(block.seeds))]
         _fit(block, name, row, body, contexts)
     except (Exception, SystemExit) as problem:

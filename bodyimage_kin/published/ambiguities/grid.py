@@ -27,7 +27,7 @@ ARMS: Mapping[str, float] = {"shorter_arm": 0.9, "longer_arm": 1.15}
 
 
 def grid(
-    seeds: int | Sequence[int] = 30, duration: float = 200.0, ambiguities: Sequence[str] = tuple(AMBIGUITIES)
+    seeds: int | Sequence[int] = 30, duration: float | int = 200.0, ambiguities: Sequence[str] = tuple(AMBIGUITIES)
 ) -> Study:
     """Every reading of these ambiguities as a study.
 
@@ -81,7 +81,7 @@ def places(ambiguities: Sequence[str] = tuple(AMBIGUITIES)) -> list[Place]:
     return list(found)
 
 
-def recordings(duration: float = 200.0) -> dict[str, Simulation]:
+def recordings(duration: float | int = 200.0) -> dict[str, Simulation]:
     """Every recording: the motion, and after an underscore what is other than usual.
 
     Args:
@@ -121,7 +121,7 @@ def recordings(duration: float = 200.0) -> dict[str, Simulation]:
     }
 
 
-def infant_with_arm(factor: float) -> Embodiment:
+def infant_with_arm(factor: float | int) -> Embodiment:
     """The infant with upper arm and forearm longer by a factor; the hand, the head and the masses stay.
 
     Args:

@@ -80,7 +80,7 @@ class Network(Estimator):
 
     hidden: int = 10
     depth: int = 1
-    learning_rate: float = 0.2
+    learning_rate: float | int = 0.2
     steps: int = 200
     posture: bool = False
     unit: str = "tanh"
