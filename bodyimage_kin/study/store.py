@@ -63,7 +63,7 @@ class Part:
 
     identity: Mapping[str, Any]
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
-    notes: Mapping[str, Any] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)
 
     def pack(self) -> bytes:
         """As bytes."""
@@ -342,7 +342,10 @@ def body_files(body: Embodiment) -> dict[str, bytes]:
 
 def said(problem: BaseException) -> str:
     """An error in one line that any file can hold: its class and what it says, cut."""
-    words = " ".join(str(problem)[: 10 * _MOST_SAID].split()).replace("\0", "")
+    try:
+        words = " ".join(str(problem)[: 10 * _MOST_SAID].split()).replace("\0", "")
+    except Exception:
+        words = ""
     words = words.encode("utf-8", "backslashreplace").decode()
     words = words if len(words) <= _MOST_SAID else words[: _MOST_SAID - 3] + "..."
     return f"{type(problem).__name__}: {words}" if words else type(problem).__name__
