@@ -7,12 +7,45 @@ an interrupted run is taken up where it ended. What failed stands in the results
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from bodyimage_kin import figures
 from bodyimage_kin._files import write_text
 from bodyimage_kin._progress import progress
-from bodyimage_kin.figures import foreknowledge_figures, style
 from bodyimage_kin.published import foreknowledge
+
+PREDICTORS = (
+    "posture_distance",
+    "excitation_deficit",
+    "gaussian_process",
+    "without_structure",
+    "perturbed_arms",
+    "calibrated_arm",
+)
+"""Those with a panel each; the structure is unknown to the first three."""
+
+
+@figures.style()
+def draw(found: Mapping[str, Any], folder: Path) -> None:
+    """Predicted against measured for each estimator, and what each predictor is worth."""
+    for estimator, of in found["estimators"].items():
+        shown = [name for name in PREDICTORS if name in of["predictors"]]
+        figure, grid = figures.panels(2, 3, height=4.9, sharex=True, sharey=True)
+        for axes, predictor in zip(grid.flat, shown, strict=False):
+            figures.predicted_errors(found, estimator, predictor, axes, scale=axes in grid[:, -1])
+            axes.label_outer()
+        for axes in grid.flat[len(shown) :]:
+            axes.remove()
+        figures.letters(grid.flat[: len(shown)])
+        figures.legend(figure)
+        figures.save(figure, folder, f"predicted_{estimator}")
+    figure, grid = figures.panels(1, len(found["estimators"]), height=3.3, sharey=True)
+    for axes, estimator in zip(grid[0], found["estimators"], strict=True):
+        figures.r2_bars(found, estimator, axes)
+    figures.letters(grid[0])
+    figures.save(figure, folder, "r2")
 
 
 def main() -> None:
@@ -31,10 +64,7 @@ def main() -> None:
     asked.out.mkdir(parents=True, exist_ok=True)
     foreknowledge.write_summary(found, asked.out / "results.json")
     write_text(asked.out / "results.md", foreknowledge.markdown(found))
-    for estimator in found["estimators"]:
-        figure = foreknowledge_figures.predicted_against_measured(found, estimator)
-        style.save(figure, asked.out, f"predicted_{estimator}")
-    style.save(foreknowledge_figures.r2_bars(found), asked.out, "r2")
+    draw(found, asked.out)
     print(foreknowledge.markdown(found))
     if found["failed"]:
         raise SystemExit(f"{len(found['failed'])} conditions and seeds failed; results.md has their words")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
@@ -19,8 +19,6 @@ from bodyimage_kin.robot.meshes import triangulate
 
 PLAIN = (0.82, 0.80, 0.77, 1.0)
 """Colour (RGBA) of a visual that has none."""
-RobotSource: TypeAlias = "Robot | str | bytes | os.PathLike[str]"
-"""A robot, the path of a URDF, or the XML itself (beginning with ``<``)."""
 
 
 class Surface(NamedTuple):
@@ -42,7 +40,7 @@ class Surface(NamedTuple):
 
 
 def triangles(
-    urdf_source: RobotSource,
+    robot: Robot,
     posture: Mapping[str, Any],
     *,
     links: Iterable[str] | None = None,
@@ -51,7 +49,7 @@ def triangles(
     """The visuals of a robot at a posture.
 
     Args:
-        urdf_source: A robot, the path of a URDF, or the XML itself.
+        robot: Whose visuals.
         posture: Joint values by name [rad or m]; the others are 0, mimic joints follow.
         links: The links to draw; None for all.
         mesh_folder: Where meshes may be read, subfolders included; default: the folder of the URDF file.
@@ -61,12 +59,10 @@ def triangles(
         ``robot.notes`` says.
 
     Raises:
-        InvalidURDF: The robot cannot be read.
         UnknownName: A joint or link that the robot does not have.
         InvalidPosture: A joint value that is not finite.
         InvalidGeometry: A mesh that is missing or outside ``mesh_folder``.
     """
-    robot = urdf_source if isinstance(urdf_source, Robot) else Robot.from_urdf(urdf_source)
     wanted = set(robot.link_names if links is None else links)
     for name in sorted(wanted.difference(robot.link_names)):
         raise UnknownName("link", name, robot.link_names)

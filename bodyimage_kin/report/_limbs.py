@@ -1,20 +1,13 @@
-"""What a robot is made of, and with which parameters an experiment was run, as rows of tables.
-
-Nothing is typed in but the paper's own Table 1: limits, lengths and masses come from the URDF, parameters from the
-settings that were used.
-"""
+"""What a robot is made of, limb by limb, as rows of a table: limits, lengths and masses as the URDF has them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from bodyimage_kin.estimators.paper_mlp import PaperMLP
-from bodyimage_kin.recordings import Noise
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.tree import Joint
 
@@ -119,65 +112,6 @@ def limbs(robot: Robot) -> tuple[Limb, ...]:
 def link_masses(robot: Robot) -> dict[str, float]:
     """The masses that the URDF gives, by link [kg]."""
     return {link: geometry.inertial.mass for link, geometry in robot.geometry.items() if geometry.inertial is not None}
-
-
-class Parameter(NamedTuple):
-    """A row of Table 1.
-
-    Attributes:
-        name: What it is, after the paper.
-        paper: The paper's value.
-        ours: The value used here; a dash where nothing was run with it.
-    """
-
-    name: str
-    paper: str
-    ours: str
-
-
-def table_1(
-    *,
-    gamma: float | int,
-    screen_distance: float,
-    quiet: PaperMLP | None,
-    noisy: PaperMLP | None = None,
-    noise: Noise | None = None,
-) -> tuple[Parameter, ...]:
-    """The parameters of the experiment beside the paper's (Table 1).
-
-    Args:
-        gamma: Of the tactile map's kernel, ``BodyImage.config["gamma"]``.
-        screen_distance: h_z, ``body.camera.screen.distance`` [m].
-        quiet: The network as it learned without noise; None: not run.
-        noisy: The network as it learned with noise; None: not run.
-        noise: Whose random torque disturbed the hand; None: no noise.
-
-    Returns:
-        Rows in the paper's order.
-    """
-    rows = [
-        Parameter("scaling factor \N{GREEK SMALL LETTER GAMMA} of the touched taxels (eq. 16)", "40", f"{gamma:g}"),
-        Parameter("distance h_z of the virtual screen (Fig. 6)", "0.04 m", f"{screen_distance:g} m"),
-    ]
-    for network, condition, steps in ((quiet, "without noise", "200"), (noisy, "with noise", "500")):
-        rows += [
-            Parameter(f"back-propagation {condition}: {name}", paper, _DASH if network is None else f"{value:g}")
-            for name, paper, value in (
-                ("learning rate", "0.2", network.learning_rate if network else 0),
-                ("learning steps", steps, network.steps if network else 0),
-                ("hidden units", "10", network.hidden if network else 0),
-            )
-        ]
-    # The random torque is drawn about zero (bodyimage_kin.recordings.dynamics); the paper gives no unit.
-    variance = _DASH if noise is None else f"{noise.torque**2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
-    return (
-        *rows,
-        Parameter("noise: mean of the normal distribution", "0.0", _DASH if noise is None else "0.0"),
-        Parameter("noise: variance of the normal distribution", "0.01", variance),
-    )
-
-
-_DASH = "\N{EN DASH}"
 
 
 def _whole(value: float) -> str:

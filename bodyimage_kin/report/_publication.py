@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from bodyimage_kin import figures
 from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
-from bodyimage_kin.figures import error_figures, style
+from bodyimage_kin.report._page import labels_of
+from bodyimage_kin.report._results import HEADLINE, learned, names_of, probe_of_use, ranking
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.scores import PARTS
 
-_HEADLINE = "relative_error_use"
 _OTHERS = (
     "relative_error", "scale_free_error", "displacement_error", "trajectory_rmse", "touch_trajectory_rmse", "map_error",
     "map_topological_error", "fit_seconds",
@@ -33,33 +34,34 @@ _COLUMNS = {
 """Score -> head of its column, factor, and what it is."""
 
 
-def write(results: xr.Dataset, folder: Path, baseline: str | None) -> Path:
+def write(results: xr.Dataset, folder: Path, baseline: str | None, labels: Mapping[str, str] | None) -> Path:
     """See :func:`bodyimage_kin.report.publish`."""
-    if _HEADLINE not in results:
-        raise InvalidConfig(f"these results have no '{_HEADLINE}', which a comparison is about; give a study's results")
-    names = [str(name) for name in results["estimator"].values]
+    if HEADLINE not in results:
+        raise InvalidConfig(f"these results have no '{HEADLINE}', which a comparison is about; give a study's results")
+    names = names_of(results, "estimator")
     if baseline is not None and baseline not in names:
         raise UnknownName("estimator in the results", baseline, names)
     if missing := int((results["failure"] == MISSING).sum()):
         raise InvalidConfig(
             f"{missing} of {results['failure'].size} fits are {MISSING}; run the study to its end first"
         )
-    learned = [name for name in names if name not in summary.exact(results, _HEADLINE)]
-    numbers = _numbers(results, baseline or next(iter(learned), names[0]))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise OutputRefused(f"cannot write to '{folder}': {problem.strerror}; name another folder") from None
-    write_text(folder / "results.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
-    write_text(folder / "table.md", _table(numbers))
-    style.save(error_figures.by_probe(numbers["scores"], numbers["probes"]), folder, "errors")
+    means = {score: summary.summarise(results, score) for score in (HEADLINE, *_OTHERS) if score in results}
+    with figures.labelled(labels_of(results, labels)):
+        numbers = _numbers(results, means, baseline or next(iter(learned(results)), names[0]))
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            raise OutputRefused(f"cannot write to '{folder}': {problem.strerror}; name another folder") from None
+        write_text(folder / "results.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
+        write_text(folder / "table.md", _table(numbers))
+        with figures.style():
+            figures.save(ranking(results, means[HEADLINE], columns=3), folder, "errors")
     return folder / "table.md"
 
 
-def _numbers(results: xr.Dataset, baseline: str) -> dict[str, Any]:
+def _numbers(results: xr.Dataset, means: Mapping[str, xr.Dataset], baseline: str) -> dict[str, Any]:
     """Everything that table and figure say, ready for JSON: numbers to four digits, none as None."""
-    probes = [str(probe) for probe in results["probe"].values]
-    last = "on_face" if "on_face" in probes else probes[-1]
+    probes, last = names_of(results, "probe"), probe_of_use(results)
     found: dict[str, Any] = {
         "baseline": baseline,
         "seeds": results.sizes["seed"],
@@ -70,8 +72,6 @@ def _numbers(results: xr.Dataset, baseline: str) -> dict[str, Any]:
         "failures": summary.failures(results),
         "scores": {},
     }
-    scores = [score for score in (_HEADLINE, *_OTHERS) if score in results]
-    means = {score: summary.summarise(results, score) for score in scores}
     parts = results["attribution"].mean("seed") if "attribution" in results else None
     for embodiment in results["embodiment"].values:
         ratios = _ratios(results.sel(embodiment=[embodiment], probe=last), baseline)
@@ -80,7 +80,7 @@ def _numbers(results: xr.Dataset, baseline: str) -> dict[str, Any]:
             for estimator in results["estimator"].values:
                 at = {"embodiment": embodiment, "recording": recording, "estimator": estimator}
                 row: dict[str, Any] = {score: _mean(mean.sel(at)) for score, mean in means.items()}
-                row["median"] = _digits(results[_HEADLINE].sel(at).sel(probe=last).median("seed"))
+                row["median"] = _digits(results[HEADLINE].sel(at).sel(probe=last).median("seed"))
                 if parts is not None:
                     there = parts.sel(at)
                     row["attribution"] = {
@@ -101,11 +101,10 @@ def _place(results: xr.Dataset, embodiment: str, recording: str) -> str:
 
 def _ratios(results: xr.Dataset, baseline: str) -> xr.Dataset | None:
     """Each estimator over the baseline, of those that are not the truth itself."""
-    truth = summary.exact(results, _HEADLINE)
-    names = [str(name) for name in results["estimator"].values if str(name) not in truth]
+    names = learned(results)
     if baseline not in names or len(names) < 2:
         return None
-    return summary.compare(results.sel(estimator=names), _HEADLINE, baseline)
+    return summary.compare(results.sel(estimator=names), HEADLINE, baseline)
 
 
 def _mean(one: xr.Dataset) -> Any:
@@ -127,11 +126,11 @@ def _table(numbers: Mapping[str, Any]) -> str:
     columns = [score for score in _COLUMNS if any(score in row for row in rows_of_all)]
     lines = [
         f"Relative error of the Jacobian in the motion's metric, mean over {numbers['seeds']} recordings with its 95 % "
-        f"interval (BCa bootstrap) {style.label(last)}, and the median there. *ratio*: geometric mean over that of "
-        f"{style.label(numbers['baseline'])}, paired by recording; p by flipped signs, after Holm. *scale*, "
-        f"*variation*: these parts of the squared error {style.label(last)}. (k of n): recordings that did not fail.",
+        f"interval (BCa bootstrap) {figures.label(last)}, and the median there. *ratio*: geometric mean over that of "
+        f"{figures.label(numbers['baseline'])}, paired by recording; p by flipped signs, after Holm. *scale*, "
+        f"*variation*: these parts of the squared error {figures.label(last)}. (k of n): recordings that did not fail.",
     ]
-    names = [style.label(probe) for probe in probes]
+    names = [figures.label(probe) for probe in probes]
     head = [
         "estimator",
         *names,
@@ -143,18 +142,24 @@ def _table(numbers: Mapping[str, Any]) -> str:
         *(_COLUMNS[score][0] for score in columns),
     ]
     for place, rows in numbers["scores"].items():
-        lines += ["", f"### {style.label(place)}", "", _line(head), _line(["---"] + ["---:"] * (len(head) - 1))]
-        for name, row in sorted(rows.items(), key=lambda item: _sortable(item[1][_HEADLINE][last]["mean"])):
-            done = row[_HEADLINE][last]["recordings"]
+        lines += [
+            "",
+            f"### {_plain(figures.label(place))}",
+            "",
+            _line(head),
+            _line(["---"] + ["---:"] * (len(head) - 1)),
+        ]
+        for name, row in sorted(rows.items(), key=lambda item: _sortable(item[1][HEADLINE][last]["mean"])):
+            done = row[HEADLINE][last]["recordings"]
             some = f" ({done:.0f} of {numbers['seeds']})" if done < numbers["seeds"] else ""
-            lines.append(_line([style.label(name) + some, *_cells(row, probes, last, columns)]))
+            lines.append(_line([figures.label(name) + some, *_cells(row, probes, last, columns)]))
     lines += ["", "; ".join(f"*{_COLUMNS[score][0]}*: {_COLUMNS[score][2]}" for score in columns) + "."]
     said = ", ".join(f"{name} {version}" for name, version in numbers["versions"].items())
     return "\n".join([*lines, "", f"Versions: {said}.", ""])
 
 
 def _cells(row: Mapping[str, Any], probes: list[str], last: str, columns: list[str]) -> list[str]:
-    errors = row[_HEADLINE]
+    errors = row[HEADLINE]
     ratio = row.get("ratio")
     parts = row.get("attribution", {}).get(last, {})
     return [
@@ -189,4 +194,10 @@ def _interval(one: Mapping[str, Any]) -> str:
 
 
 def _line(cells: list[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+    return f"| {' | '.join(_plain(cell) for cell in cells)} |"
+
+
+def _plain(name: str) -> str:
+    """A user's name in Markdown: neither a column of its own nor HTML."""
+    escaped = name.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|")
+    return " ".join(escaped.split())
