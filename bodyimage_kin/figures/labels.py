@@ -49,6 +49,7 @@ LABELS: Mapping[str, str] = {
     "in_front": "in front of the face",
     "on_face": "on the face",
     "joint_space": "whole joint space",
+    "training": "in training",
     "posture_distance": "mean postures",
     "posture_distance_seen": "mean postures, seen spreads",
     "posture_distance_use": "mean postures, touch steps",

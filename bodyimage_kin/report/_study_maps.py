@@ -63,7 +63,7 @@ def section(results: xr.Dataset) -> dict[str, Any] | None:
         "probe": probe_of_use(results),
         "flattery": _flattery(results),
         "scores": SCORES,
-        "first_maps": int(json.loads(results.attrs.get("config", "{}")).get("first_maps", 1)),
+        "first_maps": _first_maps(results),
     }
 
 
@@ -147,3 +147,9 @@ def _flattery(results: xr.Dataset) -> str:
         "The topological error is 0 for every map of every estimator here, so it tells none of them apart: it is a "
         "flattering measure, which even a map shrunk to next to nothing passes. Hold the other scores beside it."
     )
+
+
+def _first_maps(results: xr.Dataset) -> int:
+    """Initial weights that most recordings were tried with at most."""
+    asked = json.loads(results.attrs.get("config", "{}")).get("first_maps", 1)
+    return max(asked.values(), default=1) if isinstance(asked, dict) else int(asked)

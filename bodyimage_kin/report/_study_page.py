@@ -308,7 +308,7 @@ def _near_and_far(one: xr.Dataset) -> list[list[str]]:
     kinds = json.loads(one.attrs.get("config", "{}")).get("probes", {})
     away = one["hand_distance_by_posture"]
     names = [probe for probe in names_of(one, "probe") if bool(away.sel(probe=probe).notnull().any())]
-    far = [name for name in names if "joint_space" in kinds.get(name, {})]
+    far = [name for name in names if "JointSpace" in kinds.get(name, {})]
     return [group for group in ([name for name in names if name not in far], far) if group]
 
 
@@ -322,7 +322,7 @@ def _face(one: xr.Dataset, place: str, results: xr.Dataset, embodiment: str, cho
     if chosen is None and names:
         chosen = min(names, key=lambda name: float(face[errors].sel(estimator=name).mean()))
     shape = json.loads(results.attrs.get("skin_shape", "{}")).get(embodiment)
-    if chosen is None or shape is None:
+    if chosen is None or not shape:
         return []
     shown = {score: of for score, of in _ATLAS.items() if score in face}
 

@@ -192,7 +192,7 @@ def _table_1(body: Embodiment) -> list[tuple[str, str, str]]:
             (f"back-propagation {said}: hidden units", "10", f"{network.hidden:g}"),
         ]
     # The random torque is drawn about zero (bodyimage_kin.recordings.dynamics); the paper gives no unit.
-    variance = f"{fuke2007.MOTIONS[noisy.recording]['noise'].torque**2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
+    variance = f"{fuke2007.MOTIONS[noisy.recording]['noise'].torque ** 2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
     return [
         *rows,
         ("noise: mean of the normal distribution", "0.0", "0.0"),
@@ -219,7 +219,9 @@ def _sentences(run: _Run, summary: Mapping[str, Any]) -> list[str]:
     )
     wrong = net["map"]["topological_error_mean"][-1]
     order = (
-        f"{wrong:.1f} of {run.body.require_skin().count} taxels out of order" if wrong >= 0.05 else "no taxel out of order"
+        f"{wrong:.1f} of {run.body.require_skin().count} taxels out of order"
+        if wrong >= 0.05
+        else "no taxel out of order"
     )
     verdict = (
         f"{sum(claim['holds'] for claim in paper)} of the paper's {len(paper)} claims hold by criteria written "

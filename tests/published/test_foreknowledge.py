@@ -445,6 +445,7 @@ def test_all_predictors_say_what_they_assume(body):
         (lambda b, c, t: fk.grid(touch_duration=0.0), InvalidConfig, "touch_duration=0"),
     ],
 )
+@pytest.mark.usefixtures("unchecked")
 def test_what_is_wrong_is_named(call, error, match, body, circle, touch):
     with pytest.raises(error, match=match):
         call(body, circle, touch)
