@@ -4,8 +4,8 @@ All are called alike: what is drawn first (a body, a recording, results), then `
 ``ax`` a drawing gets a figure of its own, which pyplot knows. Metres are shown as millimetres, other units as they are;
 an image is drawn as the eye sees it, x to the right and y down.
 
-Figures of several panels are made by :func:`panels` inside :func:`style`, and finished by :func:`letters`,
-:func:`legend` and :func:`save`. Names are shown as :func:`label` says.
+Several drawings side by side are a :func:`row`; other figures are made of :func:`panels` inside :func:`style`, and
+finished by :func:`letters` and :func:`legend`. :func:`save` writes them. Names are shown as :func:`label` says.
 """
 
 from bodyimage_kin.figures._errors import attribution as attribution
@@ -17,10 +17,10 @@ from bodyimage_kin.figures._foreknowledge import predicted_errors as predicted_e
 from bodyimage_kin.figures._foreknowledge import r2_bars as r2_bars
 from bodyimage_kin.figures._layout import DOUBLE_COLUMN as DOUBLE_COLUMN
 from bodyimage_kin.figures._layout import SINGLE_COLUMN as SINGLE_COLUMN
-from bodyimage_kin.figures._layout import fill as fill
 from bodyimage_kin.figures._layout import legend as legend
 from bodyimage_kin.figures._layout import letters as letters
 from bodyimage_kin.figures._layout import panels as panels
+from bodyimage_kin.figures._layout import row as row
 from bodyimage_kin.figures._maps import learning as learning
 from bodyimage_kin.figures._maps import posture_map as posture_map
 from bodyimage_kin.figures._maps import tactile_map as tactile_map
@@ -54,7 +54,6 @@ __all__ = [
     "error_by_distance",
     "errors",
     "face",
-    "fill",
     "grid",
     "hand_image",
     "joints",
@@ -72,6 +71,7 @@ __all__ = [
     "r2_bars",
     "recording",
     "robot",
+    "row",
     "save",
     "score_chain",
     "skin",

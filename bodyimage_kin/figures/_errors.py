@@ -19,7 +19,7 @@ from bodyimage_kin.figures._marks import DASHED, UNLISTED, decades, dots, refere
 from bodyimage_kin.figures._style import Look, looks
 from bodyimage_kin.figures.labels import drawn
 
-_PROBES = (("#b8b8b8", "D"), ("#8fb5d9", "s"), ("#c2407e", "o"), ("#5b3a8e", "^"), ("#117733", "v"), ("#9a6b12", "P"))
+_PROBES = (("#9a9a9a", "D"), ("#6fa3cf", "s"), ("#c2407e", "o"), ("#5b3a8e", "^"), ("#117733", "v"), ("#9a6b12", "P"))
 """Colour and marker of each probe, in the order in which they leave what was seen."""
 _LEAST, _MOST = 1e-3, 30.0
 """Errors beyond are open marks at the edge: of the truth itself, and of what extrapolates wildly."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal
 
@@ -48,19 +48,6 @@ def panels(
     FigureCanvasAgg(figure)
     grid = figure.subplots(whole("rows", rows, least=1), whole("columns", columns, least=1), squeeze=False, **options)
     return figure, grid
-
-
-def wrapped(
-    count: int, *, height: float, above: float = 0.5, most: int = 3, **options: Any
-) -> tuple[Figure, list[Axes]]:
-    """A figure of ``count`` panels in rows of ``height`` [inch], with ``above`` [inch] for a legend."""
-    columns = {1: 1, 2: 2, 4: 2}.get(count, most)
-    rows = math.ceil(count / columns)
-    width = DOUBLE_COLUMN if columns > 1 else SINGLE_COLUMN
-    figure, grid = panels(rows, columns, width=width, height=above + rows * height, **options)
-    for axes in grid.flat[count:]:
-        axes.remove()
-    return figure, list(grid.flat[:count])
 
 
 def letters(axes: Iterable[Axes]) -> None:
@@ -114,22 +101,48 @@ def drawing_on(ax: Axes | None, *, height: float, width: float = SINGLE_COLUMN) 
         legend(figure)
 
 
-def fill(figure: Figure, axes: Iterable[Axes]) -> None:
-    """Gives pictures that stand side by side one height, at which they take all the width of their figure.
+def row(
+    *draws: Callable[[Axes], object],
+    pictures: bool = False,
+    lettered: bool = True,
+    columns: int = 4,
+    below: bool = False,
+    **options: Any,
+) -> Figure:
+    """A figure of drawings side by side, lettered, with one legend.
 
     Args:
-        figure: Drawn, its legend too; its height follows.
-        axes: Of one row, of equal aspect.
+        draws: Each draws on the axes that it is given: ``lambda ax: figures.face(body, values, ax)``.
+        pictures: Whether they are of equal aspect: then they take all the width, at one height.
+        lettered: Whether they begin with (a), (b), (c) ...
+        columns: Of the legend, at the most.
+        below: Whether the legend stands below them.
+        options: As of :func:`panels`.
     """
-    row = list(axes)
-    ratios = [abs(float(np.ptp(one.get_xlim()) / np.ptp(one.get_ylim()))) for one in row]
-    grid, engine = row[0].get_gridspec(), figure.get_layout_engine()
+    with style():
+        figure, grid = panels(1, len(draws), **options)
+        for axes, draw in zip(grid[0], draws, strict=True):
+            draw(axes)
+            if options.keys() & {"sharex", "sharey"}:
+                axes.label_outer()
+        if lettered and len(draws) > 1:
+            letters(grid[0])
+        legend(figure, columns=columns, below=below)
+        if pictures:
+            _fill(figure, list(grid[0]))
+    return figure
+
+
+def _fill(figure: Figure, axes: Sequence[Axes]) -> None:
+    """Gives panels of equal aspect, side by side, the height at which they take all the width of their figure."""
+    ratios = [abs(float(np.ptp(one.get_xlim()) / np.ptp(one.get_ylim()))) for one in axes]
+    grid, engine = axes[0].get_gridspec(), figure.get_layout_engine()
     if grid is None or engine is None:
         return
     grid.set_width_ratios(ratios)
     for _ in range(3):
         engine.execute(figure)
         width, height = figure.get_size_inches()
-        boxes = [one.get_position(original=True) for one in row]
+        boxes = [one.get_position(original=True) for one in axes]
         wanted = max(box.width * width / ratio for box, ratio in zip(boxes, ratios, strict=True))
         figure.set_figheight(height + wanted - max(box.height * height for box in boxes))

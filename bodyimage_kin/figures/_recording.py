@@ -18,6 +18,7 @@ from bodyimage_kin.figures._layout import DOUBLE_COLUMN, legend, letters
 from bodyimage_kin.figures._marks import UNLISTED, dots
 from bodyimage_kin.figures._style import style
 from bodyimage_kin.figures.labels import drawn
+from bodyimage_kin.recordings import is_scattered
 
 _MOST_NAMED = 8
 """Joints that have a colour and a name each."""
@@ -52,7 +53,7 @@ def recording(rec: xr.Dataset, ax: Iterable[Axes] | None = None) -> Shaped[np.nd
     if len(found) != 3:
         raise InvalidArray(f"a recording takes three axes; {len(found)} were given")
     first = rec.isel(trial=0)
-    scattered = rec.attrs.get("order") == "scattered"
+    scattered = is_scattered(rec)
     look: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 1.5} if scattered else {"linewidth": 0.8}
     moments = np.arange(first.sizes["time"]) if scattered else first["time"].values
     _seen(first, found[0], look)
@@ -96,19 +97,15 @@ def _joints(first: xr.Dataset, axes: Axes, moments: np.ndarray, look: dict[str, 
 
 
 def _touches(first: xr.Dataset, axes: Axes, moments: np.ndarray) -> None:
-    taxels = first["taxel"].values if "taxel" in first else np.full(len(moments), -1)
-    there = taxels >= 0
-    axes.set(title=f"touched: {np.unique(taxels[there]).size} taxels", ylabel="taxel")
-    if not there.any():
+    taxels = first["touched"].transpose("time", "contact").values if "touched" in first else np.empty((0, 0))
+    sample, contact = np.nonzero(taxels >= 0)
+    touched = taxels[sample, contact]
+    axes.set(title=f"touched: {np.unique(touched).size} taxels", ylabel="taxel")
+    if not touched.size:
         _nothing(axes, "nothing touched")
         return
-    dots(
-        axes,
-        np.stack([moments[there], taxels[there]], 1).astype(float),
-        size=1.4,
-        color="0.15",
-        label=UNLISTED + "touch",
-    )
+    places = np.stack([moments[sample], touched], 1).astype(float)
+    dots(axes, places, size=1.4, color="0.15", label=UNLISTED + "touch")
     axes.autoscale_view()
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bodyimage_kin import figures
@@ -97,13 +98,24 @@ def _chain(one: xr.Dataset, probe: str, names: Sequence[str], named: Sequence[st
         axis: {name: values.sel(estimator=name).values.ravel() for name in names} for axis, values in steps.items()
     }
     there = [name for name in names if all(np.isfinite(of[name]).any() for of in cells.values())]
-    figure, grid = figures.panels(1, len(cells) - 1, height=3.1)
-    for axes, (source, target) in zip(grid[0], pairwise(cells), strict=True):
-        x, y = ({name: cells[axis][name] for name in there} for axis in (source, target))
-        figures.score_chain(x, y, axes, named=named, xlabel=source, ylabel=target)
-    figures.letters(grid[0])
-    figures.legend(figure)
-    return figure
+    return figures.row(*(partial(_link, cells, there, named, link) for link in pairwise(cells)), height=3.1)
+
+
+def _link(
+    cells: Mapping[str, Mapping[str, np.ndarray]],
+    names: Sequence[str],
+    named: Sequence[str],
+    link: tuple[str, str],
+    axes: Axes,
+) -> None:
+    x, y = ({name: cells[axis][name] for name in names} for axis in link)
+    figures.score_chain(x, y, axes, named=named, xlabel=link[0], ylabel=link[1])
+
+
+def _first_maps(results: xr.Dataset) -> int:
+    """The most of any seed."""
+    asked = json.loads(results.attrs.get("config", "{}")).get("first_maps", 1)
+    return max(asked.values(), default=1) if isinstance(asked, dict) else int(asked)
 
 
 def _tables(results: xr.Dataset) -> list[dict[str, Any]]:
@@ -147,9 +159,3 @@ def _flattery(results: xr.Dataset) -> str:
         "The topological error is 0 for every map of every estimator here, so it tells none of them apart: it is a "
         "flattering measure, which even a map shrunk to next to nothing passes. Hold the other scores beside it."
     )
-
-
-def _first_maps(results: xr.Dataset) -> int:
-    """Initial weights that most recordings were tried with at most."""
-    asked = json.loads(results.attrs.get("config", "{}")).get("first_maps", 1)
-    return max(asked.values(), default=1) if isinstance(asked, dict) else int(asked)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bodyimage_kin import figures
@@ -326,14 +327,14 @@ def _face(one: xr.Dataset, place: str, results: xr.Dataset, embodiment: str, cho
         return []
     shown = {score: of for score, of in _ATLAS.items() if score in face}
 
-    def draw() -> Figure:
-        figure, grid = figures.panels(1, len(shown), height=0.7 + figures.DOUBLE_COLUMN / len(shown))
-        for axes, (score, (title, limits)) in zip(grid[0], shown.items(), strict=True):
-            values = face[score].sel(estimator=chosen).mean("seed").values[: math.prod(shape)].reshape(shape)
-            factor = 1000.0 if SCORES[score].units == "m" else 1.0
-            figures.grid(values * factor, axes, label=title, limits=limits)
-        return figure
+    def draw(score: str, axes: Axes) -> None:
+        title, limits = shown[score]
+        values = face[score].sel(estimator=chosen).mean("seed").values[: math.prod(shape)].reshape(shape)
+        factor = 1000.0 if SCORES[score].units == "m" else 1.0
+        figures.grid(values * factor, axes, label=title, limits=limits)
 
+    draws = [partial(draw, score) for score in shown]
+    height = 0.7 + figures.DOUBLE_COLUMN / len(shown)
     text = (
         f"{figures.label(chosen)}, mean over recordings; the face as the eye sees it. Scale and variation are what "
         "each taxel adds to these parts of the squared error (the other two are the same everywhere); a servo with a "
@@ -344,7 +345,8 @@ def _face(one: xr.Dataset, place: str, results: xr.Dataset, embodiment: str, cho
             " Basin: how far away on the screen a servo may start, in any direction, and still arrive; no farther than "
             "50 mm is tried."
         )
-    return [Picture(f"face_{place}", "atlas", draw, f"The face, taxel by taxel: {place}", text)]
+    drawn = partial(figures.row, *draws, lettered=False, height=height)
+    return [Picture(f"face_{place}", "atlas", drawn, f"The face, taxel by taxel: {place}", text)]
 
 
 def _many(count: int, noun: str, plural: str | None = None) -> str:

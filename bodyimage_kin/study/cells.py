@@ -299,7 +299,7 @@ def _context(
         seen,
         use,
         tour,
-        probes={name: built_probe(table) for name, table in settings["probes"].items()},
+        probes={name: built_probe(table, folder) for name, table in settings["probes"].items()},
         row=row,
         simulation=_simulation(block),
         map_seeds=block.seeds_of("first maps", seed, 1 + count) if with_maps else (),

@@ -128,8 +128,13 @@ def test_touches_are_dots_and_a_hand_unseen_is_told(body):
     touch = bk.simulate(body, bk.motions.RandomTouch(duration=3.0), seed=0, dynamics=False)
     seen, _, touched = figures.recording(touch, three())
     assert "the hand was not seen" in [text.get_text() for text in seen.texts]
-    taxels = touch["taxel"].values[0]
+    taxels = touch["touched"].values[0]
     dots = touched.patches[0].get_path().vertices[::2]
     np.testing.assert_array_equal(dots[:, 1], taxels[taxels >= 0])
+    assert touched.get_title("left") == f"(c) touched: {len(set(taxels[taxels >= 0]))} taxels"
+    two = touch.isel(contact=[0, 0]).copy(deep=True)
+    two["touched"][..., 1] = np.where(two["touched"][..., 0] >= 0, 7, -1)
+    dots = figures.recording(two, three())[2].patches[0].get_path().vertices[::2]
+    assert len(dots) == 2 * (taxels >= 0).sum(), "all contacts of a sample"
     with pytest.raises(InvalidArray, match="three axes"):
         figures.recording(touch, three()[:2])

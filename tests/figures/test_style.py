@@ -1,5 +1,7 @@
 """The look is one, leaves nothing behind, and gives the same bytes every time."""
 
+from functools import partial
+
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
@@ -118,16 +120,16 @@ def test_a_legend_lists_every_label_once():
     assert [text.get_text() for text in made.legends[0].get_texts()] == ["bar", "line"]
 
 
-def test_pictures_fill_the_width_of_their_figure():
-    with figures.style():
-        made, grid = figures.panels(1, 2, height=9)
-        for axes, width in zip(grid[0], (1, 2), strict=True):
-            axes.set(xlim=(0, width), ylim=(0, 1), aspect="equal", xticks=[], yticks=[])
-        figures.fill(made, grid[0])
-        made.draw_without_rendering()
+def test_pictures_in_a_row_fill_the_width_of_their_figure():
+    def draw(width, axes):
+        axes.set(xlim=(0, width), ylim=(0, 1), aspect="equal", xticks=[], yticks=[])
+
+    made = figures.row(partial(draw, 1), partial(draw, 2), pictures=True, height=9)
+    made.draw_without_rendering()
     width, height = made.get_size_inches()
-    left, right = (axes.get_position() for axes in grid[0])
+    left, right = (axes.get_position() for axes in made.axes)
     assert left.height == pytest.approx(right.height, rel=0.02)
     assert right.width == pytest.approx(2 * left.width, rel=0.02)
     assert (left.width + right.width) > 0.95
     assert height == pytest.approx(width / 3, rel=0.1)
+    assert [axes.get_title("left") for axes in made.axes] == ["(a)", "(b)"]
