@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bodyimage_kin import figures
@@ -218,9 +219,8 @@ def _sentences(run: _Run, summary: Mapping[str, Any]) -> list[str]:
         )
     )
     wrong = net["map"]["topological_error_mean"][-1]
-    order = (
-        f"{wrong:.1f} of {run.body.require_skin().count} taxels out of order" if wrong >= 0.05 else "no taxel out of order"
-    )
+    count = run.body.require_skin().count
+    order = f"{wrong:.1f} of {count} taxels out of order" if wrong >= 0.05 else "no taxel out of order"
     verdict = (
         f"{sum(claim['holds'] for claim in paper)} of the paper's {len(paper)} claims hold by criteria written "
         "beforehand. "
@@ -256,7 +256,7 @@ def _pictures(run: _Run) -> list[Picture]:
         Picture(
             "fig03_postures",
             "experiment",
-            partial(_one, figures.postures, body, run.postures(noisy), width=figures.DOUBLE_COLUMN, height=6.2),
+            partial(figures.row, partial(figures.postures, body, run.postures(noisy)), height=6.2),
             "Representative postures (Fig. 3)",
             "The units of the posture map, trained on the postures of touching.",
         ),
@@ -360,62 +360,33 @@ def _pictures(run: _Run) -> list[Picture]:
     ]
 
 
-def _one(draw: Any, *arguments: Any, width: float, height: float) -> Figure:
-    """A figure of one panel."""
-    figure, grid = figures.panels(width=width, height=height)
-    draw(*arguments, ax=grid[0, 0])
-    figures.legend(figure)
-    return figure
-
-
 def _robot(run: _Run, condition: str) -> Figure:
     body, circle = run.body, run.recording(condition, "training")["true_hand_position"].values[0]
-    touching = body.touch_postures([body.require_skin().landmarks.get("nose", body.require_skin().reference)])[0]
-    figure, grid = figures.panels(1, 2)
-    for axes, close in zip(grid[0], (False, True), strict=True):
-        figures.robot(body, touching, axes, paths={"seen circle of the hand": circle}, close=close)
-    return _side_by_side(figure, grid[0])
+    skin, paths = body.require_skin(), {"seen circle of the hand": circle}
+    touching = body.touch_postures([skin.landmarks.get("nose", skin.reference)])[0]
+    far, near = (partial(figures.robot, body, touching, paths=paths, close=close) for close in (False, True))
+    return figures.row(far, near, pictures=True, below=True)
 
 
 def _joints(body: Embodiment) -> Figure:
-    figure, grid = figures.panels(1, 2, height=4.2, width=0.75 * figures.DOUBLE_COLUMN)
-    figures.joints(body, grid[0, 0])
-    figures.joints(body, grid[0, 1], turn=90, named=False)
-    return figure
+    front, side = partial(figures.joints, body), partial(figures.joints, body, turn=90, named=False)
+    return figures.row(front, side, lettered=False, height=4.2, width=0.75 * figures.DOUBLE_COLUMN)
 
 
 def _face(body: Embodiment) -> Figure:
-    figure, grid = figures.panels(1, 2)
-    for axes, turn in zip(grid[0], (0, 50), strict=True):
-        figures.skin(body, ax=axes, turn=turn)
-    return _side_by_side(figure, grid[0])
-
-
-def _side_by_side(figure: Figure, axes: Iterable[Any]) -> Figure:
-    figures.letters(axes)
-    figures.legend(figure, columns=4, below=True)
-    figures.fill(figure, axes)
-    return figure
+    front, side = (partial(figures.skin, body, None, turn=turn) for turn in (0, 50))
+    return figures.row(front, side, pictures=True, below=True)
 
 
 def _camera(body: Embodiment) -> Figure:
-    figure, grid = figures.panels(1, 2, sharey=True)
-    for axes, axis in zip(grid[0], (1, 0), strict=True):
-        figures.virtual_screen(body, ax=axes, axis=axis)
-    figures.letters(grid[0])
-    figures.legend(figure, columns=3)
-    figures.fill(figure, grid[0])
-    return figure
+    side, above = (partial(figures.virtual_screen, body, None, axis=axis) for axis in (1, 0))
+    return figures.row(side, above, pictures=True, columns=3)
 
 
 def _circle(run: _Run, condition: str) -> Figure:
     q = run.recording(condition, "training")["true_q"].values[0]
-    figure, grid = figures.panels(1, 2, height=3.85, width_ratios=(1.25, 1))
-    figures.line_of_sight(run.body, q, grid[0, 0])
-    figures.hand_image(run.body, q, grid[0, 1])
-    figures.letters(grid[0])
-    figures.legend(figure, columns=3, below=True)
-    return figure
+    outside, seen = (partial(draw, run.body, q) for draw in (figures.line_of_sight, figures.hand_image))
+    return figures.row(outside, seen, columns=3, below=True, height=3.85, width_ratios=(1.25, 1))
 
 
 def _velocities(run: _Run, conditions: Sequence[str]) -> Figure:
@@ -438,74 +409,65 @@ def _velocities(run: _Run, conditions: Sequence[str]) -> Figure:
 
 
 def _trajectories(run: _Run, condition: str) -> Figure:
-    figure, grid = figures.panels(width=figures.SINGLE_COLUMN)
     _, image = run.tour(condition)
     estimates = {name: run.tour_path(condition, name, len(image)) for name in _SHOWN}
     perfect = true_map(run.body).reshape(-1, run.body.m)
     places = {name: perfect[taxel] for name, taxel in run.body.require_skin().landmarks.items()}
-    figures.trajectories(image, estimates, grid[0, 0], landmarks=places)
-    figures.legend(figure)
-    figures.fill(figure, grid[0])
-    return figure
+    draw = partial(figures.trajectories, image, estimates, landmarks=places)
+    return figures.row(draw, pictures=True, width=figures.SINGLE_COLUMN)
 
 
 def _maps(run: _Run, condition: str, index: int) -> Figure:
-    """Every map at one step, on one scale."""
-    figure, grid = figures.panels(1, len(_MAPPED), sharex=True, sharey=True)
-    landmarks, perfect = run.body.require_skin().landmarks, true_map(run.body)
+    """Every map at one step, on the scale of all steps."""
+    perfect, landmarks = true_map(run.body), run.body.require_skin().landmarks
     maps = {name: run.first(condition, name, "tactile_maps") for name in _MAPPED}
-    for axes, name in zip(grid[0], _MAPPED, strict=True):
-        figures.tactile_map(maps[name][index], axes, true=perfect, landmarks=landmarks)
-        axes.set_title(figures.drawn(name))
-        axes.label_outer()
     everything = np.concatenate([perfect[None], *maps.values()]).reshape(-1, 2) * 1000
     (left, top), (right, bottom) = np.nanmin(everything, 0) - 2, np.nanmax(everything, 0) + 2
-    grid[0, 0].set(xlim=(left, right), ylim=(bottom, top))
-    figures.legend(figure, columns=5)
-    figures.fill(figure, grid[0])
-    return figure
 
+    def draw(name: str, axes: Axes) -> None:
+        figures.tactile_map(maps[name][index], axes, true=perfect, landmarks=landmarks)
+        axes.set(title=figures.drawn(name), xlim=(left, right), ylim=(bottom, top))
 
-def _learning(run: _Run) -> Figure:
-    chance, noisy = fuke2007.permuted_error(run.found), _PAPER[-1]
-    figure, grid = figures.panels(1, 2, height=2.6)
-    errors = {name: list(run.found.score(noisy, name, "topological_errors")[:, 0]) for name in _MAPPED}
-    spans = {name: list(run.found.score(noisy, name, "spans").mean(axis=-1)) for name in _MAPPED}
-    figures.learning(run.steps, errors, grid[0, 0], ylabel="topological error [taxels]", level=(chance, "chance"))
-    figures.learning(run.steps, spans, grid[0, 1], ylabel="map span / true span", level=(1.0, "true size"))
-    figures.letters(grid[0])
-    figures.legend(figure)
-    return figure
+    draws = [partial(draw, name) for name in _MAPPED]
+    return figures.row(*draws, pictures=True, lettered=False, columns=5, sharex=True, sharey=True)
 
 
 def _posture_maps(run: _Run, condition: str) -> Figure:
     true = fuke2007.true_posture_map(run.body, run.postures(condition))
-    figure, grid = figures.panels(1, len(_MAPPED), sharex=True, sharey=True)
-    for axes, name in zip(grid[0], _MAPPED, strict=True):
+
+    def draw(name: str, axes: Axes) -> None:
         figures.posture_map(run.first(condition, name, "posture_map"), true, axes, name=name)
         axes.set_title(figures.drawn(name))
-        axes.label_outer()
-    figures.legend(figure, columns=3)
-    figures.fill(figure, grid[0])
-    return figure
+
+    draws = [partial(draw, name) for name in _MAPPED]
+    return figures.row(*draws, pictures=True, lettered=False, columns=3, sharex=True, sharey=True)
+
+
+def _learning(run: _Run) -> Figure:
+    chance, noisy, steps = (fuke2007.permuted_error(run.found), "chance"), _PAPER[-1], run.steps
+    errors = {name: list(run.found.score(noisy, name, "topological_errors")[:, 0]) for name in _MAPPED}
+    spans = {name: list(run.found.score(noisy, name, "spans").mean(axis=-1)) for name in _MAPPED}
+    return figures.row(
+        partial(figures.learning, steps, errors, ylabel="topological error [taxels]", level=chance),
+        partial(figures.learning, steps, spans, ylabel="map span / true span", level=(1.0, "true size")),
+        height=2.6,
+    )
 
 
 def _error_by_distance(run: _Run, condition: str) -> Figure:
     recording = next(one.recording for one in CONDITIONS if one.name == condition)
-    figure, grid = figures.panels(1, len(PROBES), height=2.7, sharex=True, sharey=True)
-    for axes, probe in zip(grid[0], PROBES, strict=True):
+
+    def draw(probe: str, axes: Axes) -> None:
         errors = {
             name: _there(run.found.score(condition, name, "identity_error_by_posture", probe=probe))
             for name in _SHOWN
             if name != "analytic"
         }
         away = 100 * _there(run.found.fact(recording, "hand_distance_by_posture", probe=probe))
-        figures.error_by_distance(away, errors, axes, xlabel="distance of the hand from the seen circle [cm]")
-        axes.set(title=figures.drawn(probe), xlabel="distance from the seen circle [cm]")
-        axes.label_outer()
-    figures.letters(grid[0])
-    figures.legend(figure)
-    return figure
+        figures.error_by_distance(away, errors, axes, xlabel="distance from the seen circle [cm]")
+        axes.set_title(figures.drawn(probe))
+
+    return figures.row(*(partial(draw, probe) for probe in PROBES), height=2.7, sharex=True, sharey=True)
 
 
 def _there(values: Float[np.ndarray, "seed posture"]) -> Float[np.ndarray, "there"]:
@@ -514,17 +476,15 @@ def _there(values: Float[np.ndarray, "seed posture"]) -> Float[np.ndarray, "ther
 
 
 def _attribution(run: _Run) -> Figure:
-    labels = [str(part) for part in run.results["part"].values]
-    names = ("paper_mlp", "least_squares", "least_squares_scaled")
+    parts = [str(part) for part in run.results["part"].values]
     figure, grid = figures.panels(2, 3, height=3.1, sharex=True, sharey=True)
     for axes, condition in zip(grid.flat, CONDITIONS, strict=False):
-        parts = {
-            name: dict(
-                zip(labels, run.found.score(condition.name, name, "attribution", probe="on_face").mean(0), strict=True)
-            )
-            for name in names
+        of = {
+            name: run.found.score(condition.name, name, "attribution", probe="on_face").mean(0)
+            for name in ("paper_mlp", "least_squares", "least_squares_scaled")
         }
-        figures.attribution(parts, axes)
+        means = {name: dict(zip(parts, values.tolist(), strict=True)) for name, values in of.items()}
+        figures.attribution(means, axes)
         axes.set_title(figures.drawn(condition.name))
         axes.label_outer()
     for axes in grid.flat[len(CONDITIONS) :]:
@@ -538,8 +498,8 @@ def _doses(run: _Run) -> Figure:
     power = fuke2007.power(run.found)
     figure, grid = figures.panels(2, 2, height=4.3, sharey=True)
     for axes, (corruption, of) in zip(grid.flat, power.items(), strict=True):
-        alarms = fuke2007.FALSE_ALARMS
-        figures.dose_response(fuke2007.DOSES[corruption], of, axes, false_alarms=alarms, xlabel=_DOSES[corruption])
+        alarms, doses = fuke2007.FALSE_ALARMS, fuke2007.DOSES[corruption]
+        figures.dose_response(doses, of, axes, false_alarms=alarms, xlabel=_DOSES[corruption])
         axes.set_title(figures.drawn(corruption))
     figures.letters(grid.flat)
     figures.legend(figure)

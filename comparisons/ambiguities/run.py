@@ -18,7 +18,7 @@ from pathlib import Path
 
 import figure
 
-from bodyimage_kin.figures import style
+from bodyimage_kin import figures
 from bodyimage_kin.published import ambiguities
 from bodyimage_kin.study.statistics import PUBLISHED
 
@@ -45,7 +45,7 @@ def main() -> None:
         command = f"python comparisons/ambiguities/run.py --seeds {asked.seeds} --duration {asked.duration:g}"
         found = {"command": command, **ambiguities.judge(results)}
     ambiguities.write_summary(found, asked.out)
-    style.save(figure.draw(found["summary"]), asked.out, "figure")
+    figures.save(figure.draw(found["summary"]), asked.out, "figure")
 
 
 if __name__ == "__main__":

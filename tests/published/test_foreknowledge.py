@@ -10,6 +10,7 @@ import torch
 import xarray as xr
 
 import bodyimage_kin as bk
+from bodyimage_kin import figures
 from bodyimage_kin.errors import (
     BodyImageKinError,
     InvalidArray,
@@ -18,7 +19,6 @@ from bodyimage_kin.errors import (
     UnknownName,
 )
 from bodyimage_kin.estimators import Analytic, LeastSquares, PaperMLP
-from bodyimage_kin.figures import foreknowledge_figures
 from bodyimage_kin.published import foreknowledge as fk
 from bodyimage_kin.published.foreknowledge import Combination, leave_one_condition_out
 
@@ -395,17 +395,21 @@ def test_what_failed_has_its_words(summary, body):
 
 def test_figures_show_the_numbers(summary):
     _, found = summary
-    figure = foreknowledge_figures.predicted_against_measured(found, "least_squares")
-    axes = figure.axes[0]
-    drawn = [line.get_xydata()[0] for line in axes.get_lines()[1:]]
+    with figures.style():
+        (predicted, bars) = figures.panels(1, 2)[1][0]
+    figures.predicted_errors(found, "least_squares", "posture_distance", predicted)
     one = found["estimators"]["least_squares"]
     wanted = np.c_[one["predictors"]["posture_distance"]["predicted"], one["measured"]]
-    np.testing.assert_allclose(drawn, wanted)
-    bars = foreknowledge_figures.r2_bars(found).axes[0].patches
+    drawn = np.concatenate([points.get_offsets() for points in predicted.collections])
+    np.testing.assert_allclose(sorted(drawn.tolist()), sorted(wanted.tolist()))
+    figures.r2_bars(found, "least_squares", bars)
     r2 = [score["r2"]["estimate"] for score in one["predictors"].values()]
-    assert [bar.get_width() for bar in bars] == pytest.approx(np.maximum(r2, -1.0))
+    assert [bar.get_width() for bar in bars.patches] == pytest.approx(r2)
+    assert bars.get_xlim()[0] == -1
     with pytest.raises(UnknownName, match="no estimator 'least_sqares'; did you mean 'least_squares'"):
-        foreknowledge_figures.predicted_against_measured(found, "least_sqares")
+        figures.predicted_errors(found, "least_sqares", "posture_distance", predicted)
+    with pytest.raises(UnknownName, match="no predictor 'nobody'"):
+        figures.predicted_errors(found, "least_squares", "nobody", predicted)
 
 
 def test_all_predictors_say_what_they_assume(body):
@@ -441,6 +445,7 @@ def test_all_predictors_say_what_they_assume(body):
         (lambda b, c, t: fk.grid(touch_duration=0.0), InvalidConfig, "touch_duration=0"),
     ],
 )
+@pytest.mark.usefixtures("unchecked")
 def test_what_is_wrong_is_named(call, error, match, body, circle, touch):
     with pytest.raises(error, match=match):
         call(body, circle, touch)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Shaped
 
 from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import BodyImageKinError
@@ -58,7 +58,7 @@ def judge(results: xr.Dataset, body: Any, conditions: Sequence[Condition] = COND
     if len(failed) == count:
         raise NothingCame(f"every condition and seed failed; the first: {failed[0]['words']}")
 
-    def table(name: str, estimator: str) -> Float[np.ndarray, "conditions recordings *rest"]:
+    def table(name: str, estimator: str) -> Shaped[np.ndarray, "conditions recordings *rest"]:
         found = results[name].isel(embodiment=0).sel(recording=[one.recording for one in conditions])
         return (
             found.sel(estimator=estimator)

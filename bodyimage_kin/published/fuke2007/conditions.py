@@ -11,8 +11,6 @@ from jaxtyping import Float
 
 from bodyimage_kin.published.fuke2007.grid import CONDITIONS, Condition
 
-_PADDED = ("probe", "part", "axis")
-
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
@@ -46,9 +44,9 @@ class Conditions:
 
     def row(self, recording: str, row: str, name: str, **at: object) -> Float[np.ndarray, "seed ..."]:
         """A score of a row of the study on one recording."""
-        found = self.results[name].isel(embodiment=0).sel(recording=recording, estimator=row, **at)
+        found = self.results[name].isel(embodiment=0).sel({"recording": recording, "estimator": row, **at})
         return found.transpose("seed", ...).values
 
     def fact(self, recording: str, name: str, **at: object) -> Float[np.ndarray, "seed ..."]:
         """A fact of a recording."""
-        return self.results[name].isel(embodiment=0).sel(recording=recording, **at).transpose("seed", ...).values
+        return self.results[name].isel(embodiment=0).sel({"recording": recording, **at}).transpose("seed", ...).values
