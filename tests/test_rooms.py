@@ -253,7 +253,6 @@ OUTSIDE = outside()
 PRIVATE_OUTSIDE = {
     ("comparisons/estimators/run.py", "_files.write_text"),
     ("comparisons/foreknowledge/run.py", "_files.write_text"),
-    ("comparisons/foreknowledge/run.py", "_progress.progress"),
     ("comparisons/speed/bench/engines.py", "backends.torch_backend._LinkChain"),
 }
 """(file, private thing of the package that it uses); may only shrink."""

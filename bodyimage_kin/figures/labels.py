@@ -45,7 +45,6 @@ LABELS: Mapping[str, str] = {
     "mean_excited": "mean, excited directions",
     "mean_unexcited": "mean, unexcited directions",
     "variation": "variation with posture",
-    "training": "in training",
     "on_circle": "on the circle",
     "in_front": "in front of the face",
     "on_face": "on the face",

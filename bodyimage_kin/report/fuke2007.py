@@ -193,7 +193,7 @@ def _table_1(body: Embodiment) -> list[tuple[str, str, str]]:
             (f"back-propagation {said}: hidden units", "10", f"{network.hidden:g}"),
         ]
     # The random torque is drawn about zero (bodyimage_kin.recordings.dynamics); the paper gives no unit.
-    variance = f"{fuke2007.MOTIONS[noisy.recording]['noise'].torque**2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
+    variance = f"{fuke2007.MOTIONS[noisy.recording]['noise'].torque ** 2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
     return [
         *rows,
         ("noise: mean of the normal distribution", "0.0", "0.0"),
