@@ -16,7 +16,7 @@ from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.figures._layout import SINGLE_COLUMN, drawing_on
 from bodyimage_kin.figures._marks import DASHED
 from bodyimage_kin.figures.labels import drawn
-from bodyimage_kin.published.foreknowledge.run import TARGET
+from bodyimage_kin.published.foreknowledge import TARGET
 
 _MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "<", ">", "h", "p")
 _COLOURS = "viridis"
