@@ -12,8 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from types import CodeType, FrameType
 
-_PAUSES = 8
-"""Times that a line pauses in each thread: a library may have long loops."""
+_PAUSES, _PAUSE = 8, 1e-6
+"""Times that a line pauses in each thread, as a library may have long loops; and for how long [s], just to let go."""
 _OURS = str(Path(__file__).parents[1])
 _INSTALLED = tuple(
     dict.fromkeys(sysconfig.get_paths()[kind] for kind in ("stdlib", "platstdlib", "purelib", "platlib"))
@@ -35,17 +35,15 @@ def others_in_between() -> Iterator[None]:
             line = frame.f_code, frame.f_lineno
             runs[line] += 1
             if runs[line] <= _PAUSES:
-                time.sleep(0)
+                time.sleep(_PAUSE)
         return pause
 
-    before = sys.gettrace(), sys.getswitchinterval()
+    before = sys.gettrace()
     sys.settrace(pause)
-    sys.setswitchinterval(1e-6)
     try:
         yield
     finally:
-        sys.settrace(before[0])
-        sys.setswitchinterval(before[1])
+        sys.settrace(before)
 
 
 @lru_cache(maxsize=10_000)

@@ -264,14 +264,15 @@ def threads_equal_one(question: Question) -> dict[str, float]:
         with others_in_between():
             return asked(question, thread)
 
-    # Nothing was asked of the library yet: what it builds when first asked is built by all threads at once.
+    alone = Question(question.build, question.case)
+    expected = [asked(alone, thread) for thread in range(_THREADS)]
+    # Nothing was asked of this one yet: what it builds when first asked is built by all threads at once.
     with ThreadPoolExecutor(_THREADS) as pool:
         found = list(pool.map(work, range(_THREADS)))
-    alone = Question(question.build, question.case)
     errors = {"pose": 0.0, "Jacobian": 0.0}
-    for thread, values in enumerate(found):
-        for value, expected in zip(values, asked(alone, thread), strict=True):
-            for what, error in question.both(value, expected, "").items():
+    for values, wanted in zip(found, expected, strict=True):
+        for value, alike in zip(values, wanted, strict=True):
+            for what, error in question.both(value, alike, "").items():
                 errors[what.strip()] = max(errors[what.strip()], error)
     return {f"{what} of {_THREADS} threads against one": error for what, error in errors.items()}
 
