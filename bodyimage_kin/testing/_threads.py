@@ -6,11 +6,12 @@ import sys
 import sysconfig
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from types import CodeType, FrameType
+from typing import Any
 
 _PAUSES, _PAUSE = 8, 1e-6
 """Times that a line pauses in each thread, as a library may have long loops; and for how long [s], just to let go."""
@@ -28,7 +29,7 @@ def others_in_between() -> Iterator[None]:
     """
     runs: Counter[tuple[CodeType, int]] = Counter()
 
-    def pause(frame: FrameType, event: str, argument: object) -> Callable[..., object] | None:
+    def pause(frame: FrameType, event: str, argument: object) -> Any:
         if not _pauses(frame.f_code.co_filename):
             return None
         if event == "line":
