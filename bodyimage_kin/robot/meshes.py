@@ -90,8 +90,8 @@ def _find(name: str, link: str, home: Path | None, folder: Path | None) -> Path:
         # A package is a folder of that name among the meshes, or the folder of meshes itself.
         places += [(allowed, f"{package[1]}/{package[2]}"), (allowed, package[2])]
     elif allowed is not None:
-        path = name.removeprefix("file://")
-        places += [(allowed, str((home or allowed) / path)), (allowed, path)]
+        plain = name.removeprefix("file://")
+        places += [(allowed, str((home or allowed) / plain)), (allowed, plain)]
     if package:
         around = [] if home is None else [place for place in home.resolve().parents if place.name == package[1]]
         places += [(place, package[2]) for place in (*around, *_package_folders(package[1]))]
