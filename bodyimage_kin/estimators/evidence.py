@@ -1,0 +1,170 @@
+"""What tells a body's measures: images, a tracker's points, touches of a skin, points on a plane.
+
+Each kind predicts what was observed from a :class:`~bodyimage_kin.estimators.parametric.ParametricBody`, and gives the
+derivative of what is left in all parameters, in closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from bodyimage_kin.body.cameras import CameraModel
+from bodyimage_kin.estimators.parametric import Frame, ParametricBody
+
+__all__ = ["Images", "Planes", "Points", "Touches"]
+
+_NEAREST = 1e-3
+"""Depth below which a fit must not divide by it [m]."""
+
+Residual = tuple[Float[np.ndarray, "count m"], Float[np.ndarray, "count m parameters"]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """What all kinds share.
+
+    Attributes:
+        name: What it is.
+        body: With parameters.
+        q: (count, p) felt postures [rad or m].
+        offset: (count, 3) the observed point in the hand's frame [m].
+        sigma: Standard deviation of the noise in each coordinate [unit of what is observed]; None: unknown.
+    """
+
+    name: str
+    body: ParametricBody
+    q: Float[np.ndarray, "count p"]
+    offset: Float[np.ndarray, "count 3"]
+    sigma: float | None
+
+    def _hand(self, theta: Float[np.ndarray, "parameters"]) -> tuple[dict[str, Frame], np.ndarray, np.ndarray]:
+        """Frames, and the observed point in the root with its derivative."""
+        frames = self.body.frames(self.q, theta)
+        return frames, *frames["hand"].point(self.offset)
+
+
+@dataclass(frozen=True, eq=False)
+class Images(_Evidence):
+    """Hand images.
+
+    Attributes:
+        camera: Name of the camera's mount.
+        model: How it projects.
+        image: (count, m) what it reported [its unit].
+    """
+
+    camera: str
+    model: CameraModel
+    image: Float[np.ndarray, "count m"]
+
+    @property
+    def size(self) -> float:
+        """Spread of the images [their unit]."""
+        return float(self.image.std(axis=0).max())
+
+    def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
+        """Predicted less seen. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
+        frames, place, slope = self._hand(theta)
+        point, moved = frames[self.camera].seen(place, slope)
+        if self.model.unit != "m" or self.model.m != 3:
+            point[:, 2] = np.maximum(point[:, 2], _NEAREST)
+        seen = torch.from_numpy(point)
+        projected, derivative = self.model.project(seen).numpy(), self.model.derivative(seen).numpy()
+        return projected - self.image, derivative @ moved
+
+
+@dataclass(frozen=True, eq=False)
+class Points(_Evidence):
+    """A tracker's points, in a frame of its own.
+
+    Attributes:
+        tracker: Name of the tracker's mount.
+        point: (count, 3) what it reported [m].
+    """
+
+    tracker: str
+    point: Float[np.ndarray, "count 3"]
+
+    @property
+    def size(self) -> float:
+        """Spread of the points [m]."""
+        return float(self.point.std(axis=0).max())
+
+    def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
+        """Predicted less measured [m]. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
+        frames, place, slope = self._hand(theta)
+        point, moved = frames[self.tracker].seen(place, slope)
+        return point - self.point, moved
+
+
+@dataclass(frozen=True, eq=False)
+class Touches(_Evidence):
+    """Touches: where the hand is, against the taxels that felt it.
+
+    Attributes:
+        skin: Name of the skin's mount.
+        target: (count, 3) where the hand's centre is when these taxels feel it, in the skin's frame [m].
+    """
+
+    skin: str
+    target: Float[np.ndarray, "count 3"]
+
+    @property
+    def size(self) -> float:
+        """Spread of the touched places [m]."""
+        return float(self.target.std(axis=0).max())
+
+    def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
+        """Hand less touched place, in the skin's frame [m]. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
+        frames, place, slope = self._hand(theta)
+        point, moved = frames[self.skin].seen(place, slope)
+        return point - self.target, moved
+
+
+@dataclass(frozen=True, eq=False)
+class Planes(_Evidence):
+    """Hand points that lie on a plane that stands in the root, its place unknown.
+
+    The plane is ``n(a, b) . x = d``: the start's normal turned by two angles, and its distance shifted, which are three
+    of the body's other parameters.
+
+    Attributes:
+        plane: Index of the first of its three parameters.
+        normal: (3,) where it is thought to face, in the root.
+        distance: From the root's origin along the normal [m].
+    """
+
+    plane: int
+    normal: Float[np.ndarray, "3"]
+    distance: float
+
+    @property
+    def size(self) -> float:
+        """One metre: there is nothing observed to measure by."""
+        return 1.0
+
+    def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
+        """Distance from the plane [m]. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
+        _, place, slope = self._hand(theta)
+        first, second = _across(self.normal)
+        a, b, shift = theta[self.plane : self.plane + 3]
+        raw = self.normal + a * first + b * second
+        length = float(np.linalg.norm(raw))
+        normal = raw / length
+        left = place @ normal - (self.distance + shift)
+        moved = np.einsum("i,nik->nk", normal, slope)
+        for index, direction in enumerate((first, second)):
+            moved[:, self.plane + index] += place @ ((direction - normal * (normal @ direction)) / length)
+        moved[:, self.plane + 2] -= 1.0
+        return left[:, None], moved[:, None, :]
+
+
+def _across(normal: Float[np.ndarray, "3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors across a unit vector."""
+    first = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
+    first /= np.linalg.norm(first)
+    return first, np.cross(normal, first)
