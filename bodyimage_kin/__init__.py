@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.body_image import integrate as integrate
     from bodyimage_kin.errors import BodyImageKinError as BodyImageKinError
     from bodyimage_kin.estimators import load_learned as load_learned
+    from bodyimage_kin.metrics import probes as probes
     from bodyimage_kin.recordings import experience as experience
     from bodyimage_kin.recordings import read_recording as read_recording
     from bodyimage_kin.recordings import simulate as simulate
@@ -57,6 +58,7 @@ _MODULES = {
     "errors": "bodyimage_kin.errors",
     "estimators": "bodyimage_kin.estimators",
     "metrics": "bodyimage_kin.metrics",
+    "probes": "bodyimage_kin.metrics.probes",
     "report": "bodyimage_kin.report",
     "simulate": "bodyimage_kin.recordings.simulate",
 }

@@ -11,8 +11,8 @@ import bodyimage_kin as bk
 
 NAMES = (
     "BodyImage", "Embodiment", "Kinematics", "Robot", "backends", "embodiments", "errors", "estimators", "experience",
-    "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "read_recording", "report", "simulate",
-    "write_recording",
+    "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "probes", "read_recording", "report",
+    "simulate", "write_recording",
 )  # fmt: skip
 METHODS = {
     "Robot": "from_urdf name root link_names joint_names lower upper sample subtree to_urdf sha256",
@@ -21,7 +21,8 @@ METHODS = {
     "  touch_postures full_posture hand_image hand_image_jacobian",
     "simulate": "circle face_tour random_touch",
     "BodyImage": "learn",
-    "metrics": "jacobian_errors",
+    "metrics": "jacobian_errors attribute excitation motion_metric depth_ratio",
+    "probes": "Probe Training Face JointSpace",
     "estimators": "names LeastSquares PaperMLP Analytic",
 }
 

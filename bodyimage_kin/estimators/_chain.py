@@ -19,8 +19,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.errors import InvalidArray, InvalidConfig
+from bodyimage_kin.estimators._kept import Kept
 from bodyimage_kin.robot import transforms
 from bodyimage_kin.robot.tree import Joint
 
@@ -29,7 +31,7 @@ _NEAREST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class Chain(Kept):
     """A chain from camera to hand.
 
     Attributes:
@@ -47,6 +49,15 @@ class Chain:
     shift: Float[Tensor, "k"]
     revolute: Bool[Tensor, "k"]
     screen_distance: float
+
+    kind = "chain"
+
+    def __post_init__(self) -> None:
+        if len(self.offsets) != len(self.axes) + 1:
+            raise InvalidArray(
+                f"a chain of {len(self.axes)} axes has {len(self.offsets)} offsets; give one more than axes"
+            )
+        _checks.number("screen_distance", self.screen_distance, above=0.0)
 
     @classmethod
     def of(cls, body: Embodiment) -> Chain:

@@ -16,8 +16,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.estimators._samples import arcs
-from bodyimage_kin.estimators.base import is_count, require
 
 Layers = Sequence[Tensor]
 """Weights and biases in turn: (*models, out, in), (*models, out), ..."""
@@ -45,13 +45,14 @@ class Training:
     held_out: float = 0.2
 
     def __post_init__(self) -> None:
-        whole = isinstance(self.hidden, tuple) and all(is_count(units, 1) for units in self.hidden)
-        require(whole and len(self.hidden) > 0, "hidden", self.hidden, "a tuple of positive whole numbers")
-        require(0 < self.learning_rate < 1, "learning_rate", self.learning_rate, "a positive number below 1")
-        require(is_count(self.steps, 1), "steps", self.steps, "a positive whole number")
-        shrinks = 0 <= self.weight_decay * self.learning_rate < 1
-        require(shrinks, "weight_decay", self.weight_decay, "at least 0, and below 1 / learning_rate")
-        require(0 <= self.held_out <= 0.5, "held_out", self.held_out, "a share of at most a half")
+        if not isinstance(self.hidden, tuple) or not self.hidden:
+            _checks.refuse("hidden", self.hidden, "a tuple of positive whole numbers")
+        for index, units in enumerate(self.hidden):
+            _checks.whole(f"hidden[{index}]", units, least=1)
+        _checks.number("learning_rate", self.learning_rate, above=0.0, below=1.0)
+        _checks.whole("steps", self.steps, least=1)
+        _checks.number("weight_decay", self.weight_decay, least=0.0, below=1.0 / self.learning_rate)
+        _checks.number("held_out", self.held_out, least=0.0, most=0.5)
 
 
 def first_layers(sizes: Sequence[int], seeds: Sequence[int]) -> list[Tensor]:

@@ -13,14 +13,16 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin import _checks
+from bodyimage_kin.errors import InvalidArray, InvalidConfig
+from bodyimage_kin.estimators._kept import Kept
 
 _MOST = 6000
 """More functions than this take gigabytes."""
 
 
 @dataclass(frozen=True, eq=False)
-class TrigBasis:
+class TrigBasis(Kept):
     """All products of 1, sin d_i and 1 - cos d_i over joints, at most ``degree`` joints in each.
 
     Attributes:
@@ -30,6 +32,11 @@ class TrigBasis:
 
     centre: Float[Tensor, "p"]
     degree: int
+
+    kind = "trigonometric_basis"
+
+    def __post_init__(self) -> None:
+        _checks.whole("degree", self.degree, least=1)
 
     @cached_property
     def factors(self) -> Int[Tensor, "functions p"]:
@@ -59,6 +66,11 @@ class TrigBasis:
                     "smaller degree"
                 )
         return kept
+
+    def check(self, weights: Float[Tensor, "rows columns"]) -> None:
+        """Raises InvalidArray unless there is a row of weights for each function."""
+        if len(weights) != len(self.factors):
+            raise InvalidArray(f"{len(weights)} rows of weights for {len(self.factors)} functions; give one each")
 
     def __call__(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch functions"]:
         """The functions at postures."""

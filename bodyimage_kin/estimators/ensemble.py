@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +10,10 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike
-from bodyimage_kin.errors import InvalidConfig
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, is_count, require
+from bodyimage_kin.errors import InvalidArray
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 
 _ARCS = 10
 
@@ -29,6 +29,11 @@ class EnsembleJacobian(LearnedJacobian):
     members: tuple[LearnedJacobian, ...]
 
     kind = "ensemble"
+
+    def __post_init__(self) -> None:
+        sizes = {(member.m, member.p) for member in self.members}
+        if len(sizes) != 1:
+            raise InvalidArray(f"an ensemble has members of (m, p) {sorted(sizes)}; give members of one size")
 
     @property
     def p(self) -> int:
@@ -69,7 +74,7 @@ class EnsembleJacobian(LearnedJacobian):
             InvalidConfig: Not a positive number of draws.
             InvalidPosture: A last axis that is not of p joints.
         """
-        require(is_count(draws, 1), "draws", draws, "a positive whole number")
+        _checks.whole("draws", draws, least=1)
         drawn = np.random.default_rng(seed).integers(len(self.members), size=draws)
         return self.member_jacobians(q)[torch.from_numpy(drawn)]
 
@@ -83,33 +88,6 @@ class EnsembleJacobian(LearnedJacobian):
             InvalidPosture: A last axis that is not of p joints.
         """
         return self.member_jacobians(q).std(0)
-
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Everything the members learned; names tell member and kind."""
-        return {
-            f"{index:03d}:{member.kind}:{name}": array
-            for index, member in enumerate(self.members)
-            for name, array in member.arrays().items()
-        }
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> EnsembleJacobian:
-        """The inverse of :meth:`arrays`.
-
-        Raises:
-            InvalidConfig: Names of arrays that tell no member.
-            UnknownName: A member of a kind that this version does not know.
-        """
-        # The list of kinds holds this class too, so it can only be asked for once both are there.
-        from bodyimage_kin.estimators import learned_from_arrays
-
-        members: dict[str, dict[str, Tensor]] = {}
-        for name, array in arrays.items():
-            index, kind, own = [*name.split(":", 2), "", ""][:3]
-            members.setdefault(f"{index}:{kind}", {})[own] = array
-        if not members:
-            raise InvalidConfig("an ensemble without members cannot be loaded")
-        return cls(tuple(learned_from_arrays(name.partition(":")[2], own) for name, own in sorted(members.items())))
 
 
 @dataclass(frozen=True)
@@ -129,17 +107,18 @@ class Ensemble(Estimator):
     missing: float = 0.0
 
     def __post_init__(self) -> None:
-        require(isinstance(self.spec, Estimator), "spec", self.spec, "an estimator")
-        whole = is_count(self.members, 2)
-        require(whole, "members", self.members, "a whole number of at least 2")
-        require(0 <= self.missing < 1, "missing", self.missing, "a share below 1")
+        if not isinstance(self.spec, Estimator):
+            _checks.refuse("spec", self.spec, "an estimator")
+        _checks.whole("members", self.members, least=2)
+        _checks.number("missing", self.missing, least=0.0, below=1.0)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> EnsembleJacobian:
         """Learns from an experience; the seed spawns one for each member. See :meth:`Estimator.fit`."""
         streams = np.random.SeedSequence(seed).spawn(self.members)
         experiences = [self._partly(exp, np.random.default_rng(stream)) for stream in streams]
         seeds = [int(stream.generate_state(1)[0]) for stream in streams]
-        return EnsembleJacobian(tuple(self.spec.fit_many(experiences, seeds)))
+        members = tuple(self.spec.fit_many(experiences, seeds))
+        return EnsembleJacobian(members, unit=members[0].unit)
 
     def _partly(self, exp: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
         """The experience, the hand unseen in some arcs of each trial."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import abc
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -21,12 +21,13 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_postures
-from bodyimage_kin.errors import InvalidRecording
+from bodyimage_kin.errors import InvalidArray, InvalidRecording
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import samples
 from bodyimage_kin.estimators._trigonometric import TrigBasis
-from bodyimage_kin.estimators.base import Estimator, is_count, require
+from bodyimage_kin.estimators.base import Estimator
 
 _WAVES = 2048
 """Random waves that a draw from a radial prior is made of."""
@@ -49,7 +50,7 @@ class ImageProcess(ImageModel):
             InvalidConfig: Not a positive number of draws.
             InvalidPosture: A last axis that is not of p joints.
         """
-        require(is_count(draws, 1), "draws", draws, "a positive whole number")
+        _checks.whole("draws", draws, least=1)
         q = as_postures(q, self.p)
         drawn = self._draws(q.reshape(-1, self.p).to(torch.float64), draws, torch.Generator().manual_seed(seed))
         return drawn.to(q).reshape(draws, *q.shape[:-1], self.m, self.p)
@@ -84,8 +85,9 @@ class TrigProcess(ImageProcess):
 
     Attributes:
         basis: The functions.
-        weights: (functions, m) posterior mean of their weights [m].
-        root: (functions, functions) a root of the weights' posterior covariance, the same for every axis [m].
+        weights: (functions, m) posterior mean of their weights, in the unit of the hand image.
+        root: (functions, functions) a root of the weights' posterior covariance, the same for every axis and in its
+            unit.
     """
 
     basis: TrigBasis
@@ -94,15 +96,9 @@ class TrigProcess(ImageProcess):
 
     kind = "trigonometric_process"
 
-    @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return len(self.basis.centre)
-
-    @property
-    def m(self) -> int:
-        """Number of coordinates of a hand image."""
-        return self.weights.shape[1]
+    def __post_init__(self) -> None:
+        self.basis.check(self.weights)
+        self.basis.check(self.root)
 
     @cached_property
     def _derivative(self) -> Float[Tensor, "functions columns"]:
@@ -131,16 +127,6 @@ class TrigProcess(ImageProcess):
         each = [torch.linalg.vector_norm(features @ self._root_derivative[..., k], dim=-1) for k in range(self.p)]
         return torch.stack(each, -1)
 
-    def arrays(self) -> Mapping[str, Tensor]:
-        """The basis, and mean and root of the posterior."""
-        basis = {"centre": self.basis.centre, "degree": torch.tensor(self.basis.degree)}
-        return {**basis, "weights": self.weights, "root": self.root}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> TrigProcess:
-        """The inverse of :meth:`arrays`."""
-        return cls(TrigBasis(arrays["centre"], int(arrays["degree"])), arrays["weights"], arrays["root"])
-
 
 @dataclass(frozen=True, eq=False)
 class RadialProcess(ImageProcess):
@@ -152,9 +138,9 @@ class RadialProcess(ImageProcess):
     Attributes:
         q: (count, p) postures of the data, less their mean [rad].
         centre: (p,) their mean [rad].
-        image: (count, m) images of the data, less their mean [m].
-        mean: (m,) their mean [m].
-        settings: (4,) height [m], length [rad], linear [m/rad] and noise [m].
+        image: (count, m) images of the data, less their mean.
+        mean: (m,) their mean.
+        settings: (4,) height, length [rad], linear [1/rad] and noise; all but the length in the unit of the image.
     """
 
     q: Float[Tensor, "count p"]
@@ -165,20 +151,20 @@ class RadialProcess(ImageProcess):
 
     kind = "radial_process"
 
-    @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return self.q.shape[1]
-
-    @property
-    def m(self) -> int:
-        """Number of coordinates of a hand image."""
-        return self.image.shape[1]
+    def __post_init__(self) -> None:
+        if not bool((self.settings > 0).all()):
+            raise InvalidArray(f"settings of a radial process are {self.settings.tolist()}; give positive ones")
 
     @cached_property
     def _factor(self) -> Float[Tensor, "count count"]:
         covariance = _radial(self.q, self.q, self.settings)
-        return torch.linalg.cholesky(covariance + self.settings[3] ** 2 * torch.eye(len(self.q), dtype=torch.float64))
+        noise = self.settings[3] ** 2 * torch.eye(len(self.q), dtype=torch.float64)
+        factor, failed = torch.linalg.cholesky_ex(covariance + noise)
+        if int(failed):
+            raise InvalidArray(
+                "the noise of a radial process is too small for its postures: its covariance is singular"
+            )
+        return factor
 
     @cached_property
     def _dual(self) -> Float[Tensor, "count m"]:
@@ -237,16 +223,6 @@ class RadialProcess(ImageProcess):
             each.append((height**2 / length**2 + linear**2 - (known**2).sum(0)).clamp(min=0.0).sqrt())
         return torch.stack(each, -1)
 
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Data and settings."""
-        data = {"q": self.q, "centre": self.centre, "image": self.image, "mean": self.mean}
-        return {**data, "settings": self.settings}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> RadialProcess:
-        """The inverse of :meth:`arrays`."""
-        return cls(arrays["q"], arrays["centre"], arrays["image"], arrays["mean"], arrays["settings"])
-
 
 @dataclass(frozen=True)
 class GaussianProcess(Estimator):
@@ -264,11 +240,10 @@ class GaussianProcess(Estimator):
     most: int = 1000
 
     def __post_init__(self) -> None:
-        kernels = ("trigonometric", "radial")
-        require(self.kernel in kernels, "kernel", self.kernel, " or ".join(map(repr, kernels)))
-        whole = is_count(self.degree, 1)
-        require(self.degree is None or whole, "degree", self.degree, "a positive whole number, or None")
-        require(is_count(self.most, 2), "most", self.most, "a whole number of at least 2")
+        _checks.choice("kernel", self.kernel, ("trigonometric", "radial"))
+        if self.degree is not None:
+            _checks.whole("degree", self.degree, least=1)
+        _checks.whole("most", self.most, least=2)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> ImageProcess:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
@@ -285,7 +260,7 @@ class GaussianProcess(Estimator):
             start = [1.0, spread, 1.0 / spread, 0.03]
             settings = _most_evident(lambda s: _radial(q, q, s), image / unit, start)
             settings = settings * torch.tensor([unit, 1.0, unit, unit], dtype=torch.float64)
-            return RadialProcess(q, centre, image, mean, settings)
+            return RadialProcess(q, centre, image, mean, settings, unit=data.unit)
         p = q.shape[1]
         basis = TrigBasis(centre, min(self.degree or p, p))
         features = basis(q + centre)[:, 1:]
@@ -304,7 +279,7 @@ class GaussianProcess(Estimator):
         weights = torch.cholesky_solve(scaled.T @ (image / settings[-1]), factor) * deviations[:, None]
         weights[0] += mean
         inverse = torch.linalg.solve_triangular(factor.T, torch.eye(len(factor), dtype=q.dtype), upper=True)
-        return TrigProcess(basis, weights, unit * deviations[:, None] * inverse)
+        return TrigProcess(basis, weights, unit * deviations[:, None] * inverse, unit=data.unit)
 
 
 def _constant(settings: Float[Tensor, "settings"]) -> Tensor:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, pairs, require
+from bodyimage_kin import _checks
+from bodyimage_kin.estimators._samples import pairs
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,37 +19,18 @@ class ConstantJacobian(LearnedJacobian):
     """The same Jacobian at every posture.
 
     Attributes:
-        matrix: (m, p) [m/rad].
+        matrix: (m, p), in the unit of the hand image over rad or m.
     """
 
     matrix: Float[Tensor, "m p"]
 
     kind = "constant"
 
-    @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return self.matrix.shape[1]
-
-    @property
-    def m(self) -> int:
-        """Number of coordinates of a hand image."""
-        return self.matrix.shape[0]
-
     def _displacement(self, q: Float[Tensor, "*batch p"], dq: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
         return dq @ self.matrix.to(dq).T
 
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
         return self.matrix.to(q).expand(*q.shape[:-1], self.m, self.p).clone()
-
-    def arrays(self) -> Mapping[str, Tensor]:
-        """The matrix."""
-        return {"matrix": self.matrix}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> ConstantJacobian:
-        """The inverse of :meth:`arrays`."""
-        return cls(arrays["matrix"])
 
 
 @dataclass(frozen=True)
@@ -64,10 +45,10 @@ class LeastSquares(Estimator):
     scale: float = 1.0
 
     def __post_init__(self) -> None:
-        require(bool(np.isfinite(self.scale)), "scale", self.scale, "a finite number")
+        _checks.number("scale", self.scale)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
         data = pairs(exp)
         solution = torch.linalg.lstsq(data.dq, data.dr, driver="gelsd").solution
-        return ConstantJacobian(self.scale * solution.T.contiguous())
+        return ConstantJacobian(self.scale * solution.T.contiguous(), unit=data.unit)

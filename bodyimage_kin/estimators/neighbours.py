@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,10 +12,11 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.errors import InvalidPosture
 from bodyimage_kin.estimators._field import JacobianField
-from bodyimage_kin.estimators._samples import choose
-from bodyimage_kin.estimators.base import Estimator, Pairs, is_count, pairs, require
+from bodyimage_kin.estimators._samples import Pairs, choose, pairs
+from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.ridge import ridge
 
 _PENALTY = 1e-3
@@ -42,15 +41,8 @@ class _Local(JacobianField):
     constant: Float[Tensor, "m p"]
     penalty: float
 
-    @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return self.constant.shape[1]
-
-    @property
-    def m(self) -> int:
-        """Number of coordinates of a hand image."""
-        return self.constant.shape[0]
+    def __post_init__(self) -> None:
+        _checks.number("penalty", self.penalty, above=0.0)
 
     @cached_property
     def _products(self) -> Float[Tensor, "steps columns"]:
@@ -62,16 +54,6 @@ class _Local(JacobianField):
         mean = mean.reshape(-1, self.p, self.p + self.m)
         gram = mean[..., : self.p] + self.penalty * torch.eye(self.p, dtype=mean.dtype)
         return self.constant.to(mean) + torch.linalg.solve(gram, mean[..., self.p :]).transpose(-1, -2)
-
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Steps, constant Jacobian and settings."""
-        return {
-            "q": self.q,
-            "dq": self.dq,
-            "residual": self.residual,
-            "constant": self.constant,
-            "penalty": torch.tensor(self.penalty, dtype=torch.float64),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +68,10 @@ class NeighbourJacobian(_Local):
 
     kind = "neighbours"
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _checks.whole("neighbours", self.neighbours, least=1, most=len(self.q))
+
     @cached_property
     def _tree(self) -> scipy.spatial.KDTree:
         return scipy.spatial.KDTree(self.q.numpy())
@@ -97,16 +83,6 @@ class NeighbourJacobian(_Local):
         _, nearest = self._tree.query(flat, k=np.arange(1, self.neighbours + 1))
         mean = torch.nn.functional.embedding_bag(torch.from_numpy(nearest), self._products, mode="mean")
         return self._solve(mean).to(q).reshape(*q.shape[:-1], self.m, self.p)
-
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Steps, constant Jacobian and settings."""
-        return {**super().arrays(), "neighbours": torch.tensor(self.neighbours)}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> NeighbourJacobian:
-        """The inverse of :meth:`arrays`."""
-        local = (arrays["q"], arrays["dq"], arrays["residual"], arrays["constant"], float(arrays["penalty"]))
-        return cls(*local, int(arrays["neighbours"]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +97,10 @@ class WeightedJacobian(_Local):
 
     kind = "locally_weighted"
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _checks.number("bandwidth", self.bandwidth, above=0.0)
+
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
         flat = q.reshape(-1, self.p).to(torch.float64)
         # |q - q_i|^2 less |q|^2, which all weights of a posture share. A softmax: far away the nearest steps decide.
@@ -128,16 +108,6 @@ class WeightedJacobian(_Local):
         nearness = (centred @ seen.T - 0.5 * (seen**2).sum(1)) / self.bandwidth**2
         mean = torch.softmax(nearness, -1) @ self._products
         return self._solve(mean).to(q).reshape(*q.shape[:-1], self.m, self.p)
-
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Steps, constant Jacobian and settings."""
-        return {**super().arrays(), "bandwidth": torch.tensor(self.bandwidth, dtype=torch.float64)}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> WeightedJacobian:
-        """The inverse of :meth:`arrays`."""
-        local = (arrays["q"], arrays["dq"], arrays["residual"], arrays["constant"], float(arrays["penalty"]))
-        return cls(*local, float(arrays["bandwidth"]))
 
 
 def _remember(data: Pairs, penalty: float) -> tuple[Tensor, Tensor, Tensor, Tensor, float]:
@@ -148,7 +118,7 @@ def _remember(data: Pairs, penalty: float) -> tuple[Tensor, Tensor, Tensor, Tens
 
 
 def _check_penalty(penalty: float) -> None:
-    require(0 < penalty < math.inf, "penalty", penalty, "a positive number")
+    _checks.number("penalty", penalty, above=0.0)
 
 
 @dataclass(frozen=True)
@@ -164,14 +134,13 @@ class NearestNeighbours(Estimator):
     penalty: float = _PENALTY
 
     def __post_init__(self) -> None:
-        whole = is_count(self.neighbours, 1)
-        require(whole, "neighbours", self.neighbours, "a positive whole number")
+        _checks.whole("neighbours", self.neighbours, least=1)
         _check_penalty(self.penalty)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> NeighbourJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
         data = pairs(exp)
-        return NeighbourJacobian(*_remember(data, self.penalty), min(self.neighbours, len(data.q)))
+        return NeighbourJacobian(*_remember(data, self.penalty), min(self.neighbours, len(data.q)), unit=data.unit)
 
 
 @dataclass(frozen=True)
@@ -189,10 +158,10 @@ class LocallyWeighted(Estimator):
     folds: int = 5
 
     def __post_init__(self) -> None:
-        positive = self.bandwidth is None or 0 < self.bandwidth < math.inf
-        require(positive, "bandwidth", self.bandwidth, "a positive number, or None")
+        if self.bandwidth is not None:
+            _checks.number("bandwidth", self.bandwidth, above=0.0)
         _check_penalty(self.penalty)
-        require(is_count(self.folds, 2), "folds", self.folds, "a whole number of at least 2")
+        _checks.whole("folds", self.folds, least=2)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> WeightedJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
@@ -203,7 +172,7 @@ class LocallyWeighted(Estimator):
             candidates = [spread * 2.0**power for power in np.arange(-4.0, 2.0, 0.5)]
 
             def errors(learn: Tensor, predict: Tensor) -> Tensor:
-                local = _remember(Pairs(data.q[learn], data.dq[learn], data.image[learn], data.dr[learn]), self.penalty)
+                local = _remember(data.only(learn), self.penalty)
                 fitted = [WeightedJacobian(*local, width) for width in candidates]
                 return torch.stack(
                     [
@@ -213,4 +182,4 @@ class LocallyWeighted(Estimator):
                 )
 
             bandwidth = candidates[choose(errors, len(data.q), self.folds)]
-        return WeightedJacobian(*_remember(data, self.penalty), bandwidth)
+        return WeightedJacobian(*_remember(data, self.penalty), bandwidth, unit=data.unit)

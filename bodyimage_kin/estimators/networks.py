@@ -11,44 +11,46 @@ up the noise of those that hardly move.
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import torch
 import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.estimators._field import ImageModel, JacobianField
-from bodyimage_kin.estimators._samples import samples
+from bodyimage_kin.estimators._samples import pairs, samples
 from bodyimage_kin.estimators._training import Layers, Training, evaluate, first_layers, slope, train
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many, pairs
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many
 
 
+@dataclass(frozen=True, eq=False)
 class _Network(LearnedJacobian):
-    """Keeps weights and biases, in the units of postures and images."""
+    """Keeps weights and biases, in the units of postures and images.
 
-    layers: Layers
+    Attributes:
+        layers: Weights and biases in turn, in the units of joints and hand image.
+    """
 
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Weights and biases, in turn."""
-        return {f"{'Wb'[index % 2]}{index // 2 + 1}": layer for index, layer in enumerate(self.layers)}
+    layers: tuple[Tensor, ...]
 
-    @staticmethod
-    def _layers(arrays: Mapping[str, Tensor]) -> tuple[Tensor, ...]:
-        count = max(1, sum(name.startswith("W") for name in arrays))
-        return tuple(arrays[f"{letter}{index + 1}"] for index in range(count) for letter in "Wb")
+    def __post_init__(self) -> None:
+        sizes = [tuple(layer.shape) for layer in self.layers]
+        pairs_fit = all(len(W) == 2 and b == W[:1] for W, b in zip(sizes[::2], sizes[1::2], strict=False))
+        if (
+            not sizes
+            or len(sizes) % 2
+            or not pairs_fit
+            or any(W[1] != b[0] for b, W in zip(sizes[1::2], sizes[2::2], strict=False))
+        ):
+            raise InvalidArray(f"layers have shapes {sizes}; give weights (out, in) and biases (out,) in turn")
 
 
 @dataclass(frozen=True, eq=False)
 class PostureDisplacement(_Network):
-    """``f(q, dq)``, one tanh network of both. ``f(q, 0)`` is not zero, as with the paper's network.
-
-    Attributes:
-        layers: Weights and biases in turn, in units of rad and m.
-    """
-
-    layers: tuple[Tensor, ...]
+    """``f(q, dq)``, one tanh network of both. ``f(q, 0)`` is not zero, as with the paper's network."""
 
     kind = "posture_displacement"
 
@@ -68,21 +70,10 @@ class PostureDisplacement(_Network):
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
         return slope(self.layers, torch.cat([q, torch.zeros_like(q)], -1), first=self.p)
 
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> PostureDisplacement:
-        """The inverse of :meth:`arrays`."""
-        return cls(cls._layers(arrays))
-
 
 @dataclass(frozen=True, eq=False)
 class NetworkJacobian(_Network, JacobianField):
-    """A tanh network whose outputs are the entries of J(q).
-
-    Attributes:
-        layers: Weights and biases in turn, in units of rad and m.
-    """
-
-    layers: tuple[Tensor, ...]
+    """A tanh network whose outputs are the entries of J(q)."""
 
     kind = "network_jacobian"
 
@@ -99,21 +90,10 @@ class NetworkJacobian(_Network, JacobianField):
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
         return evaluate(self.layers, q).reshape(*q.shape[:-1], self.m, self.p)
 
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> NetworkJacobian:
-        """The inverse of :meth:`arrays`."""
-        return cls(cls._layers(arrays))
-
 
 @dataclass(frozen=True, eq=False)
 class NetworkImage(_Network, ImageModel):
-    """A forward model: a tanh network r(q), and the Jacobian that is its derivative.
-
-    Attributes:
-        layers: Weights and biases in turn, in units of rad and m.
-    """
-
-    layers: tuple[Tensor, ...]
+    """A forward model: a tanh network r(q), and the Jacobian that is its derivative."""
 
     kind = "network_image"
 
@@ -133,11 +113,6 @@ class NetworkImage(_Network, ImageModel):
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
         return slope(self.layers, q)
 
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> NetworkImage:
-        """The inverse of :meth:`arrays`."""
-        return cls(cls._layers(arrays))
-
 
 class _NetworkEstimator(Training, Estimator):
     """Learns from experiences of one length side by side."""
@@ -151,16 +126,16 @@ class _NetworkEstimator(Training, Estimator):
         check_many(experiences, seeds)
         data = [self._data(exp) for exp in experiences]
         learned: dict[int, LearnedJacobian] = {}
-        shapes = [(x.shape, y.shape) for x, y in data]
+        shapes = [(x.shape, y.shape) for x, y, _ in data]
         for shape in set(shapes):
             alike = [index for index, other in enumerate(shapes) if other == shape]
-            x, y = (torch.stack([data[index][part] for index in alike]) for part in (0, 1))
+            x, y = torch.stack([data[index][0] for index in alike]), torch.stack([data[index][1] for index in alike])
             learned |= zip(alike, self._learn(x, y, [seeds[index] for index in alike]), strict=True)
-        return [learned[index] for index in range(len(data))]
+        return [replace(learned[index], unit=unit) for index, (_, _, unit) in enumerate(data)]
 
     @abc.abstractmethod
-    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor]:
-        """Inputs (count, inputs) and outputs (count, m) of one experience."""
+    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor, str]:
+        """Inputs (count, inputs) and outputs (count, m) of one experience, and the unit of the hand image."""
 
     @abc.abstractmethod
     def _learn(self, x: Tensor, y: Tensor, seeds: Sequence[int]) -> Sequence[LearnedJacobian]:
@@ -184,9 +159,9 @@ class _NetworkEstimator(Training, Estimator):
 class PostureMLP(_NetworkEstimator):
     """The paper's network with the posture as further input, f(q, dq). Its settings are those of :class:`Training`."""
 
-    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor]:
+    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor, str]:
         data = pairs(exp)
-        return torch.cat([data.q, data.dq], 1), data.dr
+        return torch.cat([data.q, data.dq], 1), data.dr, data.unit
 
     def _learn(self, x: Tensor, y: Tensor, seeds: Sequence[int]) -> Sequence[PostureDisplacement]:
         p = x.shape[-1] // 2
@@ -203,9 +178,9 @@ class PostureMLP(_NetworkEstimator):
 class JacobianNetwork(_NetworkEstimator):
     """A network that gives the matrix J(q), taught through J(q) dq. Its settings are those of :class:`Training`."""
 
-    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor]:
+    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor, str]:
         data = pairs(exp)
-        return torch.cat([data.q, data.dq], 1), data.dr
+        return torch.cat([data.q, data.dq], 1), data.dr, data.unit
 
     def _learn(self, x: Tensor, y: Tensor, seeds: Sequence[int]) -> Sequence[NetworkJacobian]:
         p, m = x.shape[-1] // 2, y.shape[-1]
@@ -229,9 +204,9 @@ class ForwardNetwork(_NetworkEstimator):
 
     hidden: tuple[int, ...] = (32,)
 
-    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor]:
+    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor, str]:
         data = samples(exp)
-        return data.q, data.image
+        return data.q, data.image, data.unit
 
     def _learn(self, x: Tensor, y: Tensor, seeds: Sequence[int]) -> Sequence[NetworkImage]:
         centre, spread = _centre_and_spread(x)

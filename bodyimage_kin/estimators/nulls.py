@@ -15,11 +15,12 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators._field import JacobianField
 from bodyimage_kin.estimators.analytic import AnalyticJacobian
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, require
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 
 Truth: TypeAlias = Embodiment | LearnedJacobian | Estimator
 """A body, whose analytic Jacobian is meant, a learned Jacobian, or an estimator that learns one."""
@@ -63,7 +64,8 @@ class Null(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> CorruptedJacobian:
         """The corrupted Jacobian. See :meth:`Estimator.fit`."""
-        return CorruptedJacobian(self._known(self.truth, exp, seed), self)
+        truth = self._known(self.truth, exp, seed)
+        return CorruptedJacobian(truth, self, unit=truth.unit)
 
     @staticmethod
     def _known(truth: Truth, exp: xr.Dataset, seed: int) -> LearnedJacobian:
@@ -88,7 +90,7 @@ class Scaled(Null):
     factor: float = 0.1
 
     def __post_init__(self) -> None:
-        require(math.isfinite(self.factor), "factor", self.factor, "a finite number")
+        _checks.number("factor", self.factor)
 
     def corrupt(self, jacobian: Float[Tensor, "*batch m p"]) -> Float[Tensor, "*batch m p"]:
         """The Jacobian times the factor."""
@@ -116,7 +118,7 @@ class Rotated(Null):
     degrees: float = 30.0
 
     def __post_init__(self) -> None:
-        require(math.isfinite(self.degrees), "degrees", self.degrees, "a finite number")
+        _checks.number("degrees", self.degrees)
 
     def corrupt(self, jacobian: Float[Tensor, "*batch m p"]) -> Float[Tensor, "*batch m p"]:
         """The Jacobian, its first two rows turned."""
@@ -156,14 +158,14 @@ class OtherArm(Null):
         """
         truth = self._known(self.truth, exp, seed)
         if self.other is None:
-            return CorruptedJacobian(truth, self)
+            return CorruptedJacobian(truth, self, unit=truth.unit)
         other = self._known(self.other, exp, seed)
         if (other.p, other.m) != (truth.p, truth.m):
             raise InvalidConfig(
                 f"other: its Jacobian is {other.m} x {other.p} and that of the truth {truth.m} x {truth.p}; give an "
                 "arm with as many felt joints"
             )
-        return CorruptedJacobian(other, self)
+        return CorruptedJacobian(other, self, unit=other.unit)
 
     def corrupt(self, jacobian: Float[Tensor, "*batch m p"]) -> Float[Tensor, "*batch m p"]:
         """Mirrored along the image's first axis, unless the other arm is given."""

@@ -7,7 +7,6 @@ another; the estimate is carried over from one to the next.
 from __future__ import annotations
 
 import abc
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,9 @@ import torch
 import xarray as xr
 from jaxtyping import Float
 
-from bodyimage_kin.estimators.base import Estimator, pairs, require
+from bodyimage_kin import _checks
+from bodyimage_kin.estimators._samples import pairs
+from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.least_squares import ConstantJacobian
 
 _FORGOTTEN = 1e6
@@ -26,15 +27,11 @@ class _Online(Estimator):
     def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
         """Learns along an experience, keeps the last Jacobian; the seed changes nothing. See :meth:`Estimator.fit`."""
         data = pairs(exp)
-        return ConstantJacobian(torch.from_numpy(self._follow(data.dq.numpy(), data.dr.numpy())))
+        return ConstantJacobian(torch.from_numpy(self._follow(data.dq.numpy(), data.dr.numpy())), unit=data.unit)
 
     @abc.abstractmethod
     def _follow(self, dq: Float[np.ndarray, "steps p"], dr: Float[np.ndarray, "steps m"]) -> Float[np.ndarray, "m p"]:
         """The Jacobian after the last step, begun at zero."""
-
-
-def _positive(field: str, value: float) -> None:
-    require(0 < value < math.inf, field, value, "a positive number")
 
 
 @dataclass(frozen=True)
@@ -50,8 +47,8 @@ class Broyden(_Online):
     smallest: float = 1e-6
 
     def __post_init__(self) -> None:
-        require(0 < self.gain <= 1, "gain", self.gain, "a positive number of at most 1")
-        _positive("smallest", self.smallest)
+        _checks.number("gain", self.gain, above=0.0, most=1.0)
+        _checks.number("smallest", self.smallest, above=0.0)
 
     def _follow(self, dq: Float[np.ndarray, "steps p"], dr: Float[np.ndarray, "steps m"]) -> Float[np.ndarray, "m p"]:
         J = np.zeros((dr.shape[1], dq.shape[1]))
@@ -79,8 +76,8 @@ class RecursiveLeastSquares(_Online):
     confidence: float = 1e6
 
     def __post_init__(self) -> None:
-        require(0 < self.forgetting <= 1, "forgetting", self.forgetting, "a positive number of at most 1")
-        _positive("confidence", self.confidence)
+        _checks.number("forgetting", self.forgetting, above=0.0, most=1.0)
+        _checks.number("confidence", self.confidence, above=0.0)
 
     def _follow(self, dq: Float[np.ndarray, "steps p"], dr: Float[np.ndarray, "steps m"]) -> Float[np.ndarray, "m p"]:
         p = dq.shape[1]
@@ -109,9 +106,9 @@ class Kalman(_Online):
     spread: float = 0.1
 
     def __post_init__(self) -> None:
-        require(0 <= self.drift < math.inf, "drift", self.drift, "a number of at least 0")
-        _positive("image_noise", self.image_noise)
-        _positive("spread", self.spread)
+        _checks.number("drift", self.drift, least=0.0)
+        _checks.number("image_noise", self.image_noise, above=0.0)
+        _checks.number("spread", self.spread, above=0.0)
 
     def _follow(self, dq: Float[np.ndarray, "steps p"], dr: Float[np.ndarray, "steps m"]) -> Float[np.ndarray, "m p"]:
         p = dq.shape[1]

@@ -6,8 +6,7 @@ rate 0.2, 200 steps (500 with noise). The posture is no input.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -16,8 +15,10 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin._compiled import in_threads
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many, is_count, pairs, require
+from bodyimage_kin.estimators._samples import pairs
+from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +30,8 @@ class DisplacementNetwork(LearnedJacobian):
     Attributes:
         W1: (hidden, p) [1/rad].
         b1: (hidden,).
-        W2: (m, hidden) [m].
-        b2: (m,) [m].
+        W2: (m, hidden), in the unit of the hand image.
+        b2: (m,) likewise.
     """
 
     W1: Float[Tensor, "hidden p"]
@@ -41,18 +42,8 @@ class DisplacementNetwork(LearnedJacobian):
     kind = "displacement_network"
 
     @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return self.W1.shape[1]
-
-    @property
-    def m(self) -> int:
-        """Number of coordinates of a hand image."""
-        return self.W2.shape[0]
-
-    @property
     def bias(self) -> Float[Tensor, "m"]:
-        """f(0): displacement that is predicted for joints at rest [m per step]."""
+        """f(0): displacement that is predicted for joints at rest, each step."""
         return self.W2 @ torch.tanh(self.b1) + self.b2
 
     def _displacement(self, q: Float[Tensor, "*batch p"], dq: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
@@ -68,15 +59,6 @@ class DisplacementNetwork(LearnedJacobian):
         """The constant Jacobian that f amounts to over a motion, ``E[(f - f(0)) dq'] E[dq dq']^-1`` [m/rad]."""
         response = self._displacement(dq, dq) - self.bias
         return torch.linalg.lstsq(dq, response, driver="gelsd").solution.T
-
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Weights and biases."""
-        return {"W1": self.W1, "b1": self.b1, "W2": self.W2, "b2": self.b2}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> DisplacementNetwork:
-        """The inverse of :meth:`arrays`."""
-        return cls(arrays["W1"], arrays["b1"], arrays["W2"], arrays["b2"])
 
 
 @dataclass(frozen=True)
@@ -100,10 +82,10 @@ class PaperMLP(Estimator):
     online: bool = False
 
     def __post_init__(self) -> None:
-        require(is_count(self.hidden, 1), "hidden", self.hidden, "a positive whole number")
-        require(0 < self.learning_rate < math.inf, "learning_rate", self.learning_rate, "a positive number")
-        require(is_count(self.steps, 0), "steps", self.steps, "a whole number of at least 0")
-        require(isinstance(self.online, bool), "online", self.online, "true or false")
+        _checks.whole("hidden", self.hidden, least=1)
+        _checks.number("learning_rate", self.learning_rate, above=0.0)
+        _checks.whole("steps", self.steps, least=0)
+        _checks.flag("online", self.online)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> DisplacementNetwork:
         """Learns from an experience; the seed draws the first weights. See :meth:`Estimator.fit`."""
@@ -145,16 +127,18 @@ class _Scaled:
     y: Float[Tensor, "m samples"]
     in_scale: Float[Tensor, "p"]
     out_scale: Float[Tensor, "m"]
+    unit: str
 
     @classmethod
     def of(cls, exp: xr.Dataset) -> _Scaled:
         data = pairs(exp)
         in_scale, out_scale = _spread(data.dq), _spread(data.dr)
-        return cls((data.dq / in_scale).T, (data.dr / out_scale).T, in_scale, out_scale)
+        return cls((data.dq / in_scale).T, (data.dr / out_scale).T, in_scale, out_scale, data.unit)
 
     def in_units(self, W1: Tensor, b1: Tensor, W2: Tensor, b2: Tensor) -> DisplacementNetwork:
         """The network, in the units of displacements."""
-        return DisplacementNetwork(W1 / self.in_scale, b1, W2 * self.out_scale[:, None], b2 * self.out_scale)
+        weights = (W1 / self.in_scale, b1, W2 * self.out_scale[:, None], b2 * self.out_scale)
+        return DisplacementNetwork(*weights, unit=self.unit)
 
 
 def _descend(data: Sequence[_Scaled], first: Sequence[_Weights], rate: float, steps: int) -> Iterator[_Weights]:

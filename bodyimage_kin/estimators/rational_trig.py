@@ -8,7 +8,6 @@ posture in sight foretell its size where the eye does not see.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,10 +16,11 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import choose, samples
 from bodyimage_kin.estimators._trigonometric import TrigBasis
-from bodyimage_kin.estimators.base import Estimator, is_count, require
+from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.trig_ridge import check_trigonometric
 
 _PENALTIES = torch.logspace(0, -11, 23, dtype=torch.float64)
@@ -35,7 +35,7 @@ class RationalImage(ImageModel):
 
     Attributes:
         basis: The products phi.
-        weights: (functions, m + 1): of n [m], then of z, which is relative to the depth at the centre.
+        weights: (functions, m + 1): of n, in the unit of the hand image, then of z, over the depth at the centre.
     """
 
     basis: TrigBasis
@@ -43,10 +43,8 @@ class RationalImage(ImageModel):
 
     kind = "rational_image"
 
-    @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return len(self.basis.centre)
+    def __post_init__(self) -> None:
+        self.basis.check(self.weights)
 
     @property
     def m(self) -> int:
@@ -68,15 +66,6 @@ class RationalImage(ImageModel):
         depth = values[..., -1, None, None]
         image = values[..., :-1, None] / depth
         return (slopes[..., :-1, :] - image * slopes[..., -1:, :]) / depth
-
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Centre and degree of the basis, and the weights."""
-        return {"centre": self.basis.centre, "degree": torch.tensor(self.basis.degree), "weights": self.weights}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> RationalImage:
-        """The inverse of :meth:`arrays`."""
-        return cls(TrigBasis(arrays["centre"], int(arrays["degree"])), arrays["weights"])
 
 
 @dataclass(frozen=True)
@@ -103,8 +92,7 @@ class RationalTrig(Estimator):
 
     def __post_init__(self) -> None:
         check_trigonometric(self.degree, self.penalty, self.roughness, self.folds)
-        whole = is_count(self.iterations, 1)
-        require(whole, "iterations", self.iterations, "a positive whole number")
+        _checks.whole("iterations", self.iterations, least=1)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> RationalImage:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""

@@ -9,8 +9,9 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin.estimators._samples import choose
-from bodyimage_kin.estimators.base import Estimator, is_count, pairs, require
+from bodyimage_kin import _checks
+from bodyimage_kin.estimators._samples import choose, pairs
+from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.least_squares import ConstantJacobian
 
 
@@ -51,10 +52,9 @@ class Ridge(Estimator):
     folds: int = 5
 
     def __post_init__(self) -> None:
-        require(
-            self.penalty is None or 0 <= self.penalty < float("inf"), "penalty", self.penalty, "at least 0, or None"
-        )
-        require(is_count(self.folds, 2), "folds", self.folds, "a whole number of at least 2")
+        if self.penalty is not None:
+            _checks.number("penalty", self.penalty, least=0.0)
+        _checks.whole("folds", self.folds, least=2)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
@@ -66,4 +66,4 @@ class Ridge(Estimator):
                 data.dq, data.dr, motion * torch.logspace(-8, 0, 33, dtype=motion.dtype), self.folds
             )
         candidates = torch.tensor([penalty], dtype=data.dq.dtype)
-        return ConstantJacobian(ridge(data.dq, data.dr, candidates)[0].T.contiguous())
+        return ConstantJacobian(ridge(data.dq, data.dr, candidates)[0].T.contiguous(), unit=data.unit)

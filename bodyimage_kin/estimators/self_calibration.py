@@ -8,7 +8,6 @@ and Wampler 1996).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,12 +17,13 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 from bodyimage_kin.estimators._chain import Chain
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import Samples, samples
-from bodyimage_kin.estimators.base import Estimator, is_count, require
+from bodyimage_kin.estimators.base import Estimator
 
 _ROUNDING = 1e-20
 """Mean squared residual, in units of the images' variance, below which nothing is left to explain."""
@@ -42,11 +42,6 @@ class CalibratedChain(ImageModel):
     kind = "calibrated_chain"
 
     @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return self.chain.mix.shape[1]
-
-    @property
     def m(self) -> int:
         """Number of coordinates of a hand image."""
         return 2
@@ -58,24 +53,6 @@ class CalibratedChain(ImageModel):
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
         point, moved = self.chain.point_jacobian(q.reshape(-1, self.p))
         return (self.chain.image_slope(point) @ moved).reshape(*q.shape[:-1], self.m, self.p)
-
-    def arrays(self) -> Mapping[str, Tensor]:
-        """The chain."""
-        chain = self.chain
-        return {
-            "axes": chain.axes,
-            "offsets": chain.offsets,
-            "mix": chain.mix,
-            "shift": chain.shift,
-            "revolute": chain.revolute,
-            "screen_distance": torch.tensor(chain.screen_distance, dtype=torch.float64),
-        }
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> CalibratedChain:
-        """The inverse of :meth:`arrays`."""
-        geometry = (arrays["axes"], arrays["offsets"], arrays["mix"], arrays["shift"], arrays["revolute"])
-        return cls(Chain(*geometry, float(arrays["screen_distance"])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +79,10 @@ class SelfCalibration(Estimator):
     steps: int = 100
 
     def __post_init__(self) -> None:
-        require(is_count(self.starts, 1), "starts", self.starts, "a positive whole number")
-        require(0 <= self.axis_spread < math.inf, "axis_spread", self.axis_spread, "a number of at least 0")
-        require(0 <= self.offset_spread < math.inf, "offset_spread", self.offset_spread, "a number of at least 0 [m]")
-        require(is_count(self.steps, 1), "steps", self.steps, "a positive whole number")
+        _checks.whole("starts", self.starts, least=1)
+        _checks.number("axis_spread", self.axis_spread, least=0.0)
+        _checks.number("offset_spread", self.offset_spread, least=0.0)
+        _checks.whole("steps", self.steps, least=1)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> CalibratedChain:
         """Learns from an experience; the seed draws the starts. See :meth:`Estimator.fit`.
@@ -140,7 +117,7 @@ class SelfCalibration(Estimator):
                 best, least = geometry, cost
             if least < _ROUNDING:
                 break
-        return CalibratedChain(chain.with_geometry(best))
+        return CalibratedChain(chain.with_geometry(best), unit=data.unit)
 
     def _descend(
         self, chain: Chain, start: Float[Tensor, "parameters"], spread: Float[Tensor, "parameters"], data: Samples

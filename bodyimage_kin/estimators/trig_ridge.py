@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,10 +10,11 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import samples
 from bodyimage_kin.estimators._trigonometric import TrigBasis
-from bodyimage_kin.estimators.base import Estimator, is_count, require
+from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.ridge import ridge, ridge_penalty
 
 
@@ -24,7 +24,7 @@ class TrigImage(ImageModel):
 
     Attributes:
         basis: The products.
-        weights: (functions, m) [m].
+        weights: (functions, m), in the unit of the hand image.
     """
 
     basis: TrigBasis
@@ -32,15 +32,8 @@ class TrigImage(ImageModel):
 
     kind = "trigonometric_image"
 
-    @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return len(self.basis.centre)
-
-    @property
-    def m(self) -> int:
-        """Number of coordinates of a hand image."""
-        return self.weights.shape[1]
+    def __post_init__(self) -> None:
+        self.basis.check(self.weights)
 
     @cached_property
     def _derivative(self) -> Float[Tensor, "functions mp"]:
@@ -52,23 +45,15 @@ class TrigImage(ImageModel):
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
         return (self.basis(q) @ self._derivative.to(q)).reshape(*q.shape[:-1], self.m, self.p)
 
-    def arrays(self) -> Mapping[str, Tensor]:
-        """Centre and degree of the basis, and the weights."""
-        return {"centre": self.basis.centre, "degree": torch.tensor(self.basis.degree), "weights": self.weights}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Tensor]) -> TrigImage:
-        """The inverse of :meth:`arrays`."""
-        return cls(TrigBasis(arrays["centre"], int(arrays["degree"])), arrays["weights"])
-
 
 def check_trigonometric(degree: int | None, penalty: float | None, roughness: float, folds: int) -> None:
     """Raises InvalidConfig unless these are settings of a trigonometric estimator."""
-    whole = is_count(degree, 1)
-    require(degree is None or whole, "degree", degree, "a positive whole number, or None")
-    require(penalty is None or 0 < penalty < float("inf"), "penalty", penalty, "a positive number, or None")
-    require(1 <= roughness < float("inf"), "roughness", roughness, "a number of at least 1")
-    require(is_count(folds, 2), "folds", folds, "a whole number of at least 2")
+    if degree is not None:
+        _checks.whole("degree", degree, least=1)
+    if penalty is not None:
+        _checks.number("penalty", penalty, above=0.0)
+    _checks.number("roughness", roughness, least=1.0)
+    _checks.whole("folds", folds, least=2)
 
 
 @dataclass(frozen=True)
@@ -105,4 +90,4 @@ class TrigRidge(Estimator):
             penalty = ridge_penalty(X, Y, torch.logspace(-11, 0, 33, dtype=X.dtype), self.folds)
         slopes = ridge(X, Y, torch.tensor([penalty], dtype=X.dtype))[0]
         constant = mean_image - mean @ slopes
-        return TrigImage(basis, torch.cat([constant[None], slopes]) * scale[:, None])
+        return TrigImage(basis, torch.cat([constant[None], slopes]) * scale[:, None], unit=data.unit)

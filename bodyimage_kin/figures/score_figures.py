@@ -24,7 +24,7 @@ from bodyimage_kin.figures._panels import ArrayLike, lattice, legend_above, lett
 
 _MM = 1000.0
 _PARTS: dict[str, dict[str, Any]] = {
-    "depth": {"facecolor": "#24405e", "label": "depth (one scale)"},
+    "scale": {"facecolor": "#24405e", "label": "one scale"},
     "mean_excited": {"facecolor": "#7da7c4", "hatch": "/////", "label": "mean, excited directions"},
     "mean_unexcited": {"facecolor": "#dbe7f0", "hatch": "\\\\\\", "label": "mean, unexcited directions"},
     "variation": {"facecolor": "#e8b04a", "label": "variation with posture"},
@@ -38,7 +38,7 @@ def attribution_bars(parts: Mapping[str, Mapping[str, Mapping[str, float]]]) -> 
     """The squared relative error of learned Jacobians as the sum of its parts (``metrics.attribute``).
 
     Args:
-        parts: By condition and estimator, ``depth``, ``mean_excited``, ``mean_unexcited`` and ``variation``.
+        parts: By condition and estimator, ``scale``, ``mean_excited``, ``mean_unexcited`` and ``variation``.
 
     Returns:
         A panel for each condition and a stacked bar for each estimator, its length the squared pooled relative error.

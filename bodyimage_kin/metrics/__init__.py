@@ -1,42 +1,80 @@
 """Scores of learned Jacobians, trajectories and maps: pure functions on arrays."""
 
-from bodyimage_kin.metrics.attribution import Attribution as Attribution
-from bodyimage_kin.metrics.attribution import Excitation as Excitation
-from bodyimage_kin.metrics.attribution import attribute as attribute
-from bodyimage_kin.metrics.attribution import excitation as excitation
-from bodyimage_kin.metrics.basin import Basin as Basin
-from bodyimage_kin.metrics.basin import servo_basin as servo_basin
-from bodyimage_kin.metrics.jacobian import axis_relative_error as axis_relative_error
-from bodyimage_kin.metrics.jacobian import column_cosine as column_cosine
-from bodyimage_kin.metrics.jacobian import column_log_norm_ratio as column_log_norm_ratio
-from bodyimage_kin.metrics.jacobian import displacement_error as displacement_error
-from bodyimage_kin.metrics.jacobian import jacobian_errors as jacobian_errors
-from bodyimage_kin.metrics.jacobian import log_condition_difference as log_condition_difference
-from bodyimage_kin.metrics.jacobian import manipulability_ratio as manipulability_ratio
-from bodyimage_kin.metrics.jacobian import pooled_relative_error as pooled_relative_error
-from bodyimage_kin.metrics.jacobian import pooled_scale_free_error as pooled_scale_free_error
-from bodyimage_kin.metrics.jacobian import relative_error as relative_error
-from bodyimage_kin.metrics.jacobian import row_space_angles as row_space_angles
-from bodyimage_kin.metrics.jacobian import scale_free_error as scale_free_error
-from bodyimage_kin.metrics.jacobian import singular_value_ratios as singular_value_ratios
-from bodyimage_kin.metrics.jacobian import unit_metric as unit_metric
-from bodyimage_kin.metrics.maps import Procrustes as Procrustes
-from bodyimage_kin.metrics.maps import folded_cells as folded_cells
-from bodyimage_kin.metrics.maps import landmark_relations as landmark_relations
-from bodyimage_kin.metrics.maps import permuted as permuted
-from bodyimage_kin.metrics.maps import procrustes as procrustes
-from bodyimage_kin.metrics.maps import quantization_error as quantization_error
-from bodyimage_kin.metrics.maps import scores as scores
-from bodyimage_kin.metrics.maps import span as span
-from bodyimage_kin.metrics.maps import topographic_error as topographic_error
-from bodyimage_kin.metrics.maps import topological_error as topological_error
-from bodyimage_kin.metrics.servo import critical_gain as critical_gain
-from bodyimage_kin.metrics.servo import locally_stable as locally_stable
-from bodyimage_kin.metrics.servo import monotone as monotone
-from bodyimage_kin.metrics.servo import servo_matrix as servo_matrix
-from bodyimage_kin.metrics.trajectory import curl as curl
-from bodyimage_kin.metrics.trajectory import trajectory_rmse as trajectory_rmse
-from bodyimage_kin.metrics.trajectory import velocity_correlation as velocity_correlation
-from bodyimage_kin.metrics.trajectory import velocity_nrmse as velocity_nrmse
-from bodyimage_kin.metrics.trajectory_split import ErrorSplit as ErrorSplit
-from bodyimage_kin.metrics.trajectory_split import error_split as error_split
+from bodyimage_kin.metrics.attribution import Attribution, attribute
+from bodyimage_kin.metrics.basin import Basin, servo_basin
+from bodyimage_kin.metrics.depth import depth_ratio
+from bodyimage_kin.metrics.excitation import Excitation, excitation, motion_metric
+from bodyimage_kin.metrics.jacobian import (
+    axis_relative_error,
+    column_cosine,
+    column_log_norm_ratio,
+    displacement_error,
+    jacobian_errors,
+    log_condition_difference,
+    manipulability_ratio,
+    pooled_relative_error,
+    pooled_scale_free_error,
+    relative_error,
+    row_space_angles,
+    scale_free_error,
+    singular_value_ratios,
+)
+from bodyimage_kin.metrics.maps import (
+    Procrustes,
+    folded_cells,
+    landmark_relations,
+    permuted,
+    procrustes,
+    quantization_error,
+    scores,
+    span,
+    topographic_error,
+    topological_error,
+)
+from bodyimage_kin.metrics.servo import critical_gain, locally_stable, monotone, servo_matrix
+from bodyimage_kin.metrics.trajectory import curl, trajectory_rmse, velocity_correlation, velocity_nrmse
+from bodyimage_kin.metrics.trajectory_split import ErrorSplit, error_split
+
+__all__ = [
+    "Attribution",
+    "Basin",
+    "ErrorSplit",
+    "Excitation",
+    "Procrustes",
+    "attribute",
+    "axis_relative_error",
+    "column_cosine",
+    "column_log_norm_ratio",
+    "critical_gain",
+    "curl",
+    "depth_ratio",
+    "displacement_error",
+    "error_split",
+    "excitation",
+    "folded_cells",
+    "jacobian_errors",
+    "landmark_relations",
+    "locally_stable",
+    "log_condition_difference",
+    "manipulability_ratio",
+    "monotone",
+    "motion_metric",
+    "permuted",
+    "pooled_relative_error",
+    "pooled_scale_free_error",
+    "procrustes",
+    "quantization_error",
+    "relative_error",
+    "row_space_angles",
+    "scale_free_error",
+    "scores",
+    "servo_basin",
+    "servo_matrix",
+    "singular_value_ratios",
+    "span",
+    "topographic_error",
+    "topological_error",
+    "trajectory_rmse",
+    "velocity_correlation",
+    "velocity_nrmse",
+]

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
+from bodyimage_kin._checks import choice
 from bodyimage_kin.errors import InvalidArray
 
 ArrayInput: TypeAlias = Any
 """A numpy array, torch tensor or xarray DataArray of floats, or nested lists of numbers."""
+
+Metric: TypeAlias = Literal["identity"] | ArrayInput
+"""An inner product on joint space: ``"identity"``, or a symmetric matrix (p, p) such as a motion metric."""
 
 Floats: TypeAlias = Float[np.ndarray, "..."]
 
@@ -68,14 +72,24 @@ def as_weights(value: ArrayInput | None, shape: tuple[int, ...]) -> Floats:
     return weights
 
 
-def square_root(metric: ArrayInput | None, p: int) -> Float[np.ndarray, "p p"]:
-    """The symmetric square root of a unit metric, the identity when None.
+def metric_root(metric: Metric, p: int) -> Float[np.ndarray, "p p"] | None:
+    """The symmetric square root of a metric of joint space; None for the identity, which costs nothing.
+
+    Raises:
+        InvalidArray: Neither ``"identity"`` nor a finite, symmetric, positive semidefinite p x p matrix.
+    """
+    if metric is None or isinstance(metric, str):
+        choice("metric", metric, ("identity",), error=InvalidArray)
+        return None
+    return square_root(metric, p)
+
+
+def square_root(metric: ArrayInput, p: int) -> Float[np.ndarray, "p p"]:
+    """The symmetric square root of a matrix.
 
     Raises:
         InvalidArray: The metric is not a finite, symmetric, positive semidefinite p x p matrix.
     """
-    if metric is None:
-        return np.eye(p)
     matrix = as_floats(metric, "metric", ndim=2)
     if matrix.shape != (p, p):
         raise InvalidArray(f"metric has shape {matrix.shape}; {p} joints need ({p}, {p})")
@@ -86,6 +100,12 @@ def square_root(metric: ArrayInput | None, p: int) -> Float[np.ndarray, "p p"]:
     if values[0] < -1e-9 * scale:
         raise InvalidArray(f"metric must be positive semidefinite; its least eigenvalue is {values[0]:.3g}")
     return np.asarray((vectors * np.sqrt(values.clip(min=0))) @ vectors.T)
+
+
+def power_of_two(array: Floats) -> tuple[Floats, int]:
+    """The array over the power of two that makes its largest entry about one, and the exponent: no digit is lost."""
+    _, power = np.frexp(np.abs(array).max(initial=0, where=np.isfinite(array)))
+    return (array if power == 0 else np.ldexp(array, -int(power))), int(power)
 
 
 def ratio(numerator: ArrayInput, denominator: ArrayInput) -> Floats:

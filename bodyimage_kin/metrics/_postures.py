@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bodyimage_kin.metrics._inputs import ArrayInput, Floats, as_pair, ratio, square_root
+from bodyimage_kin.metrics._inputs import ArrayInput, Floats, Metric, as_pair, metric_root, ratio
 from bodyimage_kin.metrics._row_space import RowSpace, row_space, singular_values
 
 CHUNK = 1 << 16  # postures at a time, so that temporaries stay in the tens of megabytes
@@ -132,13 +132,11 @@ SCORES = {
 
 
 @np.errstate(all="ignore")
-def per_posture(
-    names: Sequence[str], true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None
-) -> dict[str, Floats]:
+def per_posture(names: Sequence[str], true: ArrayInput, estimated: ArrayInput, metric: Metric) -> dict[str, Floats]:
     """The named scores, in the batch shape of the Jacobians followed by their own."""
     J, Jh = as_pair(true, estimated, ("true", "estimated"), ndim=2)
     *batch, m, p = J.shape
-    root = None if metric is None else square_root(metric, p)
+    root = metric_root(metric, p)
     sizes = {"axis": m, "joint": p, "direction": min(m, p)}
     found = {name: np.empty((int(np.prod(batch)), *(sizes[d] for d in SCORES[name].dims))) for name in names}
     for place, pairs in chunks(J, Jh, root):

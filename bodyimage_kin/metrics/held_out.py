@@ -14,7 +14,7 @@ import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin.errors import InvalidRecording
-from bodyimage_kin.estimators.base import Pairs, pairs
+from bodyimage_kin.estimators import Pairs, pairs
 
 
 @dataclass(frozen=True, eq=False)

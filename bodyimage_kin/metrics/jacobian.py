@@ -1,8 +1,9 @@
 """How wrong a learned Jacobian is, posture by posture and pooled.
 
-J is the true Jacobian of the hand image, Jh the estimated one, E = Jh - J, all (m, p) [m/rad]. A unit metric W (p x p)
-says how much each joint motion matters; in the whitened space ``Jt = J W^1/2`` the squared norm is the mean squared
-image displacement that the motion behind W causes. Everything is computed in float64.
+J is the true Jacobian of the hand image, Jh the estimated one, E = Jh - J, all (m, p) [m/rad]. A metric W (p x p) says
+how much each joint motion matters: ``"identity"``, the default of every function here, counts all joints alike; in that
+of a motion (:func:`bodyimage_kin.metrics.motion_metric`) the squared norm of ``Jt = J W^1/2`` is the mean squared image
+displacement that the motion causes. Everything is computed in float64.
 
 Undefined is NaN: a posture with a non-finite entry in J or Jh has NaN in every score, pooled scores leave it out.
 """
@@ -10,89 +11,21 @@ Undefined is NaN: a posture with a non-finite entry in J or Jh has NaN in every 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from bodyimage_kin.errors import InvalidArray, UnknownName
-from bodyimage_kin.metrics._inputs import ArrayInput, as_floats, as_pair, ratio, square_root
+from bodyimage_kin.errors import InvalidArray
+from bodyimage_kin.metrics._inputs import ArrayInput, Metric, as_pair, metric_root, power_of_two, ratio
 from bodyimage_kin.metrics._postures import SCORES, chunks, per_posture
-
-
-def unit_metric(
-    kind: Literal["identity", "range", "use"] | str,
-    *,
-    dq: ArrayInput | None = None,
-    lower: ArrayInput | None = None,
-    upper: ArrayInput | None = None,
-    p: int | None = None,
-) -> Float[np.ndarray, "p p"]:
-    """The unit metric of joint space: how much a unit of motion of each joint matters.
-
-    Args:
-        kind: ``"identity"``; ``"range"``, diag(range^2); or ``"use"``, mean(dq dq') of the probe motion, plus 1e-6 of
-            its mean diagonal on the diagonal so that it can be inverted.
-        dq: Joint displacements of the probe motion, (*samples, p) [rad or m], for ``"use"``; rows that are not finite
-            are left out.
-        lower: Lower joint limits, (p,) [rad or m], for ``"range"``; an unlimited joint counts as [-pi, pi].
-        upper: Upper joint limits, likewise.
-        p: Number of joints, for ``"identity"``.
-
-    Returns:
-        Symmetric, in [rad^2] but for the identity.
-
-    Raises:
-        UnknownName: No such kind.
-        InvalidArray: What this kind needs is missing, or holds no motion.
-    """
-    if kind == "identity":
-        if p is None or p < 1:
-            raise InvalidArray("unit metric 'identity' needs p, the number of joints")
-        return np.eye(p)
-    if kind == "range":
-        if lower is None or upper is None:
-            raise InvalidArray("unit metric 'range' needs lower and upper, the joint limits")
-        low, high = as_pair(lower, upper, ("lower", "upper"), ndim=1)
-        unlimited = (low == -np.inf) & (high == np.inf)
-        width = np.where(unlimited, np.pi, high) - np.where(unlimited, -np.pi, low)
-        if low.ndim != 1 or not (np.isfinite(width) & (width > 0)).all():
-            raise InvalidArray("joint limits must be (p,), with each lower limit below its upper one")
-        return np.diag(width**2)
-    if kind == "use":
-        if dq is None:
-            raise InvalidArray("unit metric 'use' needs dq, the joint displacements of the probe motion")
-        gram = mean_gram(dq, "dq")
-        if not np.trace(gram) > 0:
-            raise InvalidArray("dq holds no motion to weigh the joints by; give displacements of a moving robot")
-        return np.asarray(gram + 1e-6 * np.trace(gram) / len(gram) * np.eye(len(gram)))
-    raise UnknownName("unit metric", kind, ["identity", "range", "use"])
-
-
-def mean_gram(dq: ArrayInput, name: str) -> Float[np.ndarray, "p p"]:
-    """mean(dq dq') per sample, so that long and short recordings compare.
-
-    Args:
-        dq: Joint displacements, (*samples, p) [rad or m]; rows that are not finite are left out.
-        name: What the error calls them.
-
-    Raises:
-        InvalidArray: Not a float array, or no finite row.
-    """
-    motion = as_floats(dq, name, ndim=1)
-    motion = motion.reshape(-1, motion.shape[-1])
-    motion = motion[np.isfinite(motion).all(-1)]
-    if len(motion) == 0:
-        raise InvalidArray(f"{name} has no finite row; give the joint displacements of a recorded motion")
-    return np.asarray(motion.T @ motion / len(motion))
 
 
 def jacobian_errors(
     true: ArrayInput,
     estimated: ArrayInput,
     *,
-    metric: ArrayInput | None = None,
+    metric: Metric = "identity",
     joints: Sequence[str] | None = None,
     dims: Sequence[str] = ("posture",),
 ) -> xr.Dataset:
@@ -101,7 +34,7 @@ def jacobian_errors(
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None. Column scores are of the joints themselves, without it.
+        metric: W, ``"identity"`` (the default) or (p, p). Column scores are of the joints themselves, without it.
         joints: Names of the p joints, the coordinate of ``joint``.
         dims: Names of the batch axes; a batch of another number of axes is flattened when there is but one name.
 
@@ -131,15 +64,13 @@ def jacobian_errors(
     return xr.Dataset(variables, {} if joints is None else {"joint": list(joints)})
 
 
-def relative_error(
-    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
-) -> Float[np.ndarray, "*batch"]:
+def relative_error(true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity") -> Float[np.ndarray, "*batch"]:
     """Relative error ``|E W^1/2| / |J W^1/2|`` of each posture, Frobenius norms.
 
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None.
+        metric: W, ``"identity"`` (the default) or (p, p).
 
     Returns:
         Dimensionless, 0 when exact, 1 for a zero estimate. NaN where the true one vanishes or an entry is not finite.
@@ -151,14 +82,14 @@ def relative_error(
 
 
 def axis_relative_error(
-    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch m"]:
     """Relative error of each image axis (row), as :func:`relative_error`.
 
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None.
+        metric: W, ``"identity"`` (the default) or (p, p).
 
     Returns:
         Dimensionless. NaN where the true row vanishes or an entry is not finite.
@@ -170,7 +101,7 @@ def axis_relative_error(
 
 
 def scale_free_error(
-    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch"]:
     """Squared relative error left after the best scaling of the estimate, ``1 - <Jh, J>^2 / (|Jh|^2 |J|^2)``.
 
@@ -179,7 +110,7 @@ def scale_free_error(
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None.
+        metric: W, ``"identity"`` (the default) or (p, p).
 
     Returns:
         In [0, 1]. NaN where either Jacobian vanishes or an entry is not finite.
@@ -203,7 +134,7 @@ def column_cosine(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, 
     Raises:
         InvalidArray: Shapes that differ.
     """
-    return per_posture(["column_cosine"], true, estimated, None)["column_cosine"]
+    return per_posture(["column_cosine"], true, estimated, "identity")["column_cosine"]
 
 
 def column_log_norm_ratio(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "*batch p"]:
@@ -220,18 +151,18 @@ def column_log_norm_ratio(true: ArrayInput, estimated: ArrayInput) -> Float[np.n
     Raises:
         InvalidArray: Shapes that differ.
     """
-    return per_posture(["column_log_norm_ratio"], true, estimated, None)["column_log_norm_ratio"]
+    return per_posture(["column_log_norm_ratio"], true, estimated, "identity")["column_log_norm_ratio"]
 
 
 def singular_value_ratios(
-    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch k"]:
     """Estimated over true singular values of ``J W^1/2``, strongest first.
 
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None.
+        metric: W, ``"identity"`` (the default) or (p, p).
 
     Returns:
         k = min(m, p) ratios, 0 for a direction the estimate has lost. NaN where the true one is zero or an entry is not
@@ -244,14 +175,14 @@ def singular_value_ratios(
 
 
 def log_condition_difference(
-    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch"]:
     """Difference of log condition numbers, estimated minus true, of ``J W^1/2``.
 
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None.
+        metric: W, ``"identity"`` (the default) or (p, p).
 
     Returns:
         Positive when the estimate is the worse conditioned, inf when it has lost rank. NaN where the true one is rank
@@ -264,14 +195,14 @@ def log_condition_difference(
 
 
 def manipulability_ratio(
-    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch"]:
     """Estimated over true manipulability ``sqrt(det(J W J'))``, the product of the singular values.
 
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None.
+        metric: W, ``"identity"`` (the default) or (p, p).
 
     Returns:
         0 for an estimate that has lost rank. NaN where the true one is rank deficient or an entry is not finite.
@@ -283,14 +214,14 @@ def manipulability_ratio(
 
 
 def row_space_angles(
-    true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None
+    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch k"]:
     """Principal angles between the row spaces of ``J W^1/2``, the joint motions that move the image at all.
 
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None.
+        metric: W, ``"identity"`` (the default) or (p, p).
 
     Returns:
         k = min(m, p) angles in [0, pi/2] [rad], ascending. NaN where either is rank deficient (its row space is then
@@ -303,13 +234,13 @@ def row_space_angles(
 
 
 @np.errstate(all="ignore")
-def pooled_relative_error(true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None) -> float:
+def pooled_relative_error(true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity") -> float:
     """Relative error over all postures at once, ``sqrt(mean |E W^1/2|^2 / mean |J W^1/2|^2)``.
 
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None.
+        metric: W, ``"identity"`` (the default) or (p, p).
 
     Returns:
         Dimensionless. Postures with a non-finite entry are left out; NaN when none is left or the true ones vanish.
@@ -318,21 +249,26 @@ def pooled_relative_error(true: ArrayInput, estimated: ArrayInput, metric: Array
         InvalidArray: Shapes that differ, or a metric that is none.
     """
     J, Jh = as_pair(true, estimated, ("true", "estimated"), ndim=2)
-    root = None if metric is None else square_root(metric, J.shape[-1])
+    root = metric_root(metric, J.shape[-1])
+    # Entries near one, so that no square overflows or vanishes; powers of two lose no digit.
+    (J, power), (Jh, estimated_power) = power_of_two(J), power_of_two(Jh)
+    most = max(power, estimated_power)
+    shrink, estimated_shrink = np.ldexp(1.0, [power - most, estimated_power - most])
     error = size = 0.0
     for _, pairs in chunks(J, Jh, root):
-        error, size = error + float(((pairs.Jh - pairs.J) ** 2).sum()), size + float((pairs.J**2).sum())
-    return float(np.sqrt(ratio(error, size)))
+        error += float(((estimated_shrink * pairs.Jh - shrink * pairs.J) ** 2).sum())
+        size += float((pairs.J**2).sum())
+    return float(np.ldexp(np.sqrt(ratio(error, size)), most - power))
 
 
 @np.errstate(all="ignore")
-def pooled_scale_free_error(true: ArrayInput, estimated: ArrayInput, metric: ArrayInput | None = None) -> float:
+def pooled_scale_free_error(true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity") -> float:
     """:func:`scale_free_error` with one scale for all postures, ``<A, B>`` being the mean of ``tr(A W B')`` over them.
 
     Args:
         true: (*batch, m, p) [m/rad].
         estimated: The same shape.
-        metric: Unit metric W, (p, p); the identity when None.
+        metric: W, ``"identity"`` (the default) or (p, p).
 
     Returns:
         In [0, 1]. Postures with a non-finite entry are left out; NaN when none is left or either vanishes.
@@ -341,7 +277,8 @@ def pooled_scale_free_error(true: ArrayInput, estimated: ArrayInput, metric: Arr
         InvalidArray: Shapes that differ, or a metric that is none.
     """
     J, Jh = as_pair(true, estimated, ("true", "estimated"), ndim=2)
-    root = None if metric is None else square_root(metric, J.shape[-1])
+    root = metric_root(metric, J.shape[-1])
+    (J, _), (Jh, _) = power_of_two(J), power_of_two(Jh)
     both = true_size = estimated_size = 0.0
     for _, pairs in chunks(J, Jh, root):
         both += float((pairs.J * pairs.Jh).sum())

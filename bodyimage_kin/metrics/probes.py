@@ -1,13 +1,16 @@
-"""Posture sets at which Jacobians are scored, and how far each posture is from what was seen.
+"""Probes: frozen specs of the postures at which a learned Jacobian is scored, and how far those are from what was seen.
 
-The sets leave the training set step by step: its own postures, the taxels a little in front of the face, the taxels
-touched, the whole joint space.
+They leave the training set step by step: its own postures, the taxels a little in front of the face, the taxels
+touched, the whole joint space. A probe of one's own is a subclass of :class:`Probe`, or any object with its method.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import abc
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy.spatial
@@ -16,10 +19,22 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin._arrays import ArrayLike
+from bodyimage_kin._arrays import ArrayLike, as_float_array, as_postures, refuse_not_finite
+from bodyimage_kin._checks import number, whole
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.errors import InvalidRecording, NotVisible
-from bodyimage_kin.study.specs import Table
+from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidRecording, NotVisible
+
+__all__ = [
+    "Face",
+    "HasPostures",
+    "JointSpace",
+    "Probe",
+    "Training",
+    "by_posture",
+    "distances",
+    "probe_postures",
+    "spread_root",
+]
 
 _DRAWS = 100
 """Postures that are drawn at most for each one wanted."""
@@ -27,34 +42,111 @@ _CHUNK = 50_000
 """Postures worked on at once: bounds the memory of wide probes."""
 
 
-def probe_postures(
-    body: Embodiment, training: xr.Dataset, probes: Mapping[str, Table]
-) -> dict[str, Float[Tensor, "postures p"]]:
-    """Postures of each probe.
+@runtime_checkable
+class HasPostures(Protocol):
+    """What counts as a probe: all that is asked of a :class:`Probe`."""
+
+    def postures(self, body: Embodiment, seen: xr.Dataset) -> ArrayLike:
+        """As :meth:`Probe.postures`."""
+
+
+class Probe(abc.ABC):
+    """A frozen spec of the postures at which a learned Jacobian is scored."""
+
+    @abc.abstractmethod
+    def postures(self, body: Embodiment, seen: xr.Dataset) -> ArrayLike:
+        """The postures; pure: the same body and recording, the same bits.
+
+        Args:
+            body: The embodiment.
+            seen: The recording that is learned from.
+
+        Returns:
+            (postures, p) [rad or m], finite, in the order of the body's joints.
+        """
+
+
+@dataclass(frozen=True)
+class Training(Probe):
+    """The postures of what was learned from: the true ones where the recording has a truth, else the felt ones."""
+
+    def postures(self, body: Embodiment | None, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+        """All finite postures of all trials, in order; no body is asked for.
+
+        Raises:
+            InvalidRecording: A recording without postures.
+        """
+        return torch.from_numpy(_training_postures(seen))
+
+
+@dataclass(frozen=True)
+class Face(Probe):
+    """One posture a taxel, the hand touching it or a little in front.
+
+    Attributes:
+        distance: Of the hand in front of the skin [m]; 0 touches it.
+    """
+
+    distance: float | int = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "distance", number("distance", self.distance, least=0.0))
+
+    def postures(self, body: Embodiment, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+        """One a taxel, in their order; whatever was seen.
+
+        Raises:
+            Unreachable: A taxel that the hand cannot reach.
+        """
+        return _face(body, self.distance)
+
+
+@dataclass(frozen=True)
+class JointSpace(Probe):
+    """Postures uniform within the joint limits, of which the hand has an image; the same for every recording.
+
+    Attributes:
+        count: How many.
+        seed: Which ones.
+    """
+
+    count: int = 441
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "count", whole("count", self.count, least=1))
+        object.__setattr__(self, "seed", whole("seed", self.seed, least=0))
+
+    def postures(self, body: Embodiment, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+        """The postures; those of fewer are the first ones of more.
+
+        Raises:
+            NotVisible: A body whose hand hardly ever comes before the camera.
+        """
+        return _joint_space(body, self.count, self.seed)
+
+
+def probe_postures(probe: HasPostures | object, body: Embodiment, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+    """The postures of any probe, known to be such.
 
     Args:
+        probe: One of ours, or anybody's.
         body: The embodiment.
-        training: The recording that is learned from.
-        probes: Name -> table of :func:`bodyimage_kin.study.specs.probe_table`. ``training``: the recording's own true
-            postures. ``face``: one posture a taxel, the hand touching it or ``distance`` [m] in front. ``joint_space``:
-            ``count`` postures uniform within the joint limits, of which the hand has an image (depth at least the
-            near plane); the same for every recording.
+        seen: The recording that is learned from.
 
     Raises:
-        Unreachable: A taxel that the hand cannot reach.
-        NotVisible: A body whose hand hardly ever comes before the camera.
-        InvalidRecording: A recording without postures.
+        InvalidConfig: Not a probe.
+        InvalidPosture: No finite postures (postures, p) of this body.
+        BodyImageKinError: Whatever the probe itself refuses.
     """
-    found = {}
-    for name, table in probes.items():
-        ((kind, settings),) = table.items()
-        if kind == "training":
-            found[name] = torch.from_numpy(_training_postures(training))
-        elif kind == "face":
-            found[name] = _face(body, float(settings["distance"]))
-        else:
-            found[name] = _joint_space(body, **settings)
-    return found
+    if not isinstance(probe, HasPostures) or isinstance(probe, type):
+        raise InvalidConfig(f"probe {probe!r}: give an object with a method postures(body, seen), such as Training()")
+    what = f"postures of probe {type(probe).__name__}"
+    q = as_postures(probe.postures(body, seen), body.p, what)
+    if q.ndim != 2 or len(q) == 0:
+        raise InvalidPosture(f"{what} have shape {tuple(q.shape)}; give at least one, (postures, {body.p})")
+    refuse_not_finite(q, what)
+    return q
 
 
 def distances(
@@ -68,12 +160,12 @@ def distances(
         q: (postures, p) [rad].
 
     Returns:
-        Mahalanobis distance in the joint space of training (mean and covariance of its true postures, with 1e-6 of its
-        mean diagonal added so that it can be inverted; dimensionless), and distance of the hand from the nearest place
-        where it was in training [m].
+        Mahalanobis distance in the joint space of training (mean and covariance of the postures of
+        :class:`Training`, with 1e-6 of its mean diagonal added so that it can be inverted; dimensionless), and distance
+        of the hand from the nearest place where it was in training [m].
     """
     seen = _training_postures(training)
-    postures = np.asarray(q, dtype=np.float64)
+    postures = as_float_array(q, "q", ndim=2)
     whitened = np.linalg.solve(spread_root(seen), (postures - seen.mean(0)).T)
     places, here = (_in_chunks(body.hand_position, torch.from_numpy(one)).numpy() for one in (seen, postures))
     return np.linalg.norm(whitened, axis=0), np.asarray(scipy.spatial.KDTree(places).query(here)[0])
@@ -87,7 +179,10 @@ def spread_root(postures: Float[np.ndarray, "postures p"]) -> Float[np.ndarray, 
 
 
 def _training_postures(training: xr.Dataset) -> Float[np.ndarray, "postures p"]:
-    q = training["true_q"].values
+    name = "true_q" if "true_q" in training else "q"
+    if name not in training:
+        raise InvalidRecording("the recording has no variable 'q', the postures that are learned from")
+    q = as_float_array(training[name].values, name, ndim=1)
     q = q.reshape(-1, q.shape[-1])
     q = q[np.isfinite(q).all(1)]
     if len(q) == 0:

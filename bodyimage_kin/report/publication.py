@@ -128,7 +128,7 @@ def _table(numbers: Mapping[str, Any]) -> str:
     lines = [
         f"Relative error of the Jacobian in the motion's metric, mean over {numbers['seeds']} recordings with its 95 % "
         f"interval (BCa bootstrap) {style.label(last)}, and the median there. *ratio*: geometric mean over that of "
-        f"{style.label(numbers['baseline'])}, paired by recording; p by flipped signs, after Holm. *depth*, "
+        f"{style.label(numbers['baseline'])}, paired by recording; p by flipped signs, after Holm. *scale*, "
         f"*variation*: these parts of the squared error {style.label(last)}. (k of n): recordings that did not fail.",
     ]
     names = [style.label(probe) for probe in probes]
@@ -138,7 +138,7 @@ def _table(numbers: Mapping[str, Any]) -> str:
         "median",
         "ratio",
         "p",
-        "depth",
+        "scale",
         "variation",
         *(_COLUMNS[score][0] for score in columns),
     ]
@@ -162,7 +162,7 @@ def _cells(row: Mapping[str, Any], probes: list[str], last: str, columns: list[s
         _number(row["median"]),
         _number(ratio["ratio"]) + _interval(ratio) if ratio else "",
         _p(ratio["p_holm"]) if ratio else "",
-        _number(parts.get("depth")),
+        _number(parts.get("scale")),
         _number(parts.get("variation")),
         *(_number(row.get(score, {}).get("mean"), _COLUMNS[score][1]) for score in columns),
     ]

@@ -32,7 +32,7 @@ _MOST = 4.0
 _ON_TOUR = ("displacement_error", "trajectory_rmse", "velocity_correlation", "velocity_nrmse", "fit_seconds")
 _ATLAS = {
     "relative_error_by_posture": "relative error",
-    "depth_by_posture": "depth",
+    "scale_by_posture": "scale",
     "variation_by_posture": "variation",
     "critical_gain_by_posture": "critical gain",
     "basin_by_posture": "basin [mm]",

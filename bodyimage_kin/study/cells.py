@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import torch
 import xarray as xr
-from jaxtyping import Float
 
 from bodyimage_kin import metrics
 from bodyimage_kin.body.embodiment import Embodiment
@@ -27,7 +26,7 @@ from bodyimage_kin.recordings import experience, simulate
 from bodyimage_kin.study import maps, scoring
 from bodyimage_kin.study.scores import CAUSES, PARTS, SCORES
 from bodyimage_kin.study.scoring import WrongResult
-from bodyimage_kin.study.specs import Table, build_estimator, motion_arguments
+from bodyimage_kin.study.specs import Table, build_estimator, build_probe, motion_arguments
 
 _AXES = ["x", "y"]
 """Of the hand image, as recordings name them."""
@@ -242,12 +241,14 @@ def _map_seeds(ground: Ground, seed: int) -> list[int]:
 
 
 def _facts(ground: Ground, body: Embodiment, training: xr.Dataset, touch: xr.Dataset) -> xr.Dataset:
-    postures = probes.probe_postures(body, training, ground.probes)
+    postures = {
+        name: probes.probe_postures(build_probe(table), body, training) for name, table in ground.probes.items()
+    }
     away = {probe: probes.distances(body, training, q) for probe, q in postures.items()}
-    found = metrics.excitation(_steps(training), _steps(touch), ground.excitation_cut)
+    found = metrics.excitation(training, touch, "true", ground.excitation_cut)
     return xr.Dataset(
         {
-            "metric": (("joint", "other_joint"), found.metric, {"units": "rad^2"}),
+            "metric": (("joint", "other_joint"), found.motion_metric, {"units": "rad^2"}),
             "excitation": (("direction",), found.eigenvalues, {"long_name": "G_train v = mu G_use v", "units": "1"}),
             "excited_motion": (("joint", "direction"), found.eigenvectors, {"long_name": "v", "units": "1/rad"}),
             "mahalanobis_distance": (
@@ -290,12 +291,6 @@ def _fit(ground: Ground, scene: Scene, name: str, spec: Any) -> list[Any]:
         stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}/{name}")[0] for seed in ground.seeds
     ]
     return fit_all(spec, experiences, seeds)
-
-
-def _steps(recording: xr.Dataset) -> Float[np.ndarray, "steps p"]:
-    """True displacements of the joints in one sampling step."""
-    steps = np.diff(recording["true_q"].values, axis=1)
-    return steps.reshape(-1, steps.shape[-1])
 
 
 def _dataset(ground: Ground, values: Mapping[str, Any], keep: Sequence[str], failure: str = "") -> xr.Dataset:

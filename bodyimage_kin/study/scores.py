@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-PARTS = ("depth", "mean_excited", "mean_unexcited", "variation")
+PARTS = ("scale", "mean_excited", "mean_unexcited", "variation")
 """What a squared Jacobian error is the sum of (:class:`bodyimage_kin.metrics.Attribution`)."""
 
 CAUSES = ("discretisation", "position", "circulation")
@@ -65,7 +65,7 @@ SCORES: Mapping[str, Score] = {
     ),
     "relative_error_by_posture": Score(_BY_POSTURE, "relative error, motion's metric", source="relative_error"),
     "scale_free_error_by_posture": Score(_BY_POSTURE, "scale-free error, motion's metric", source="scale_free_error"),
-    "depth_by_posture": Score(_BY_POSTURE, "what each posture adds to the part depth, times their number"),
+    "scale_by_posture": Score(_BY_POSTURE, "what each posture adds to the part scale, times their number"),
     "variation_by_posture": Score(_BY_POSTURE, "what each posture adds to the part variation, times their number"),
     "critical_gain_by_posture": Score(
         _BY_POSTURE, "gain below which a sampled visual servo converges", source="critical_gain", ratio=False

@@ -17,7 +17,7 @@ from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import experience
 from bodyimage_kin.study import maps
 from bodyimage_kin.study.scores import CAUSES, PARTS, SCORES
-from bodyimage_kin.study.specs import Table
+from bodyimage_kin.study.specs import Table, build_probe
 
 _CHUNK = 5000
 """Postures at which Jacobians are asked for at once: bounds the memory of wide probes."""
@@ -68,9 +68,10 @@ def score(
         found["touch_trajectory_rmse"] = metrics.trajectory_rmse(touch["true_hand_image"].values, hand.values)
         found |= maps.scores(body, training, touch, hand, facts, map_seeds)
     W = facts["metric"].values
-    seen = metrics.Excitation(facts["excitation"].values, facts["excited_motion"].values, W, excitation_cut)
+    seen = metrics.Excitation(facts["excitation"].values, facts["excited_motion"].values, W, "true", excitation_cut)
     rows: dict[str, list[Any]] = {}
-    for probe, q in probes.probe_postures(body, training, tables).items():
+    for probe, table in tables.items():
+        q = probes.probe_postures(build_probe(table), body, training)
         with torch.no_grad():
             J = _in_chunks("true jacobian", body.hand_image_jacobian, q, body.m)
         Jh = _in_chunks(f"jacobian at probe '{probe}'", learned.jacobian, q, body.m)
@@ -96,20 +97,20 @@ def _at_probe(
 ) -> dict[str, Any]:
     parts = metrics.attribute(J, Jh, W, P)
     found: dict[str, Any] = {
-        "relative_error": metrics.pooled_relative_error(J, Jh),
+        "relative_error": metrics.pooled_relative_error(J, Jh, "identity"),
         "relative_error_use": metrics.pooled_relative_error(J, Jh, W),
         "scale_free_error": metrics.pooled_scale_free_error(J, Jh, W),
         "attribution": [getattr(parts, part) for part in PARTS],
-        "scale": parts.scale,
+        "scale": parts.best_scale,
     }
     if per_posture:
         found["relative_error_by_posture"] = metrics.relative_error(J, Jh, W)
         found["scale_free_error_by_posture"] = metrics.scale_free_error(J, Jh, W)
         found["critical_gain_by_posture"] = metrics.critical_gain(metrics.servo_matrix(J, Jh))
         size = np.einsum("nij,jk,nik->n", J, W, J).mean()
-        residual = parts.scale * Jh - J
+        residual = parts.best_scale * Jh - J
         residual = residual - residual.mean(0)
-        found["depth_by_posture"] = (1 - parts.scale) ** 2 * np.einsum("nij,jk,nik->n", Jh, W, Jh) / size
+        found["scale_by_posture"] = (1 - parts.best_scale) ** 2 * np.einsum("nij,jk,nik->n", Jh, W, Jh) / size
         found["variation_by_posture"] = np.einsum("nij,jk,nik->n", residual, W, residual) / size
     return found
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import math
 import re
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
@@ -16,6 +15,7 @@ from typing import Any, TypeAlias
 from bodyimage_kin import estimators
 from bodyimage_kin._named import named_class
 from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import simulate
 from bodyimage_kin.recordings.dynamics import DragSettings
 
@@ -102,6 +102,24 @@ def motion_arguments(settings: Table) -> dict[str, Any]:
     return arguments | ({"drag": DragSettings(**settings["drag"])} if "drag" in settings else {})
 
 
+def build_probe(table: Table) -> probes.Probe:
+    """The probe that a table describes.
+
+    Raises:
+        InvalidConfig: A setting out of its range.
+    """
+    ((kind, settings),) = table.items()
+    classes: dict[str, Callable[..., probes.Probe]] = {
+        "training": probes.Training,
+        "face": probes.Face,
+        "joint_space": probes.JointSpace,
+    }
+    try:
+        return classes[kind](**settings)
+    except InvalidConfig as problem:
+        raise InvalidConfig(f"probe {kind}: {problem}") from None
+
+
 def probe_table(spec: Any) -> Table:
     """``{KIND: settings}``: ``training`` (its postures), ``face`` (taxels at a distance) or ``joint_space``."""
     if isinstance(spec, str):
@@ -112,11 +130,7 @@ def probe_table(spec: Any) -> Table:
     settings = _table(f"probe {kind}", given)
     _refuse_unknown(f"probe '{kind}'", settings, _PROBE_SETTINGS[kind])
     settings = {**_PROBE_SETTINGS[kind], **settings}
-    for name, value in settings.items():
-        least, whole = (1 if name == "count" else 0), name != "distance"
-        fits = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
-        if not fits or not (least <= value < math.inf):
-            raise InvalidConfig(f"probe {kind}: {name}={value!r}: give a {'whole ' * whole}number of at least {least}")
+    build_probe({kind: settings})
     return {kind: settings}
 
 

@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from bodyimage_kin import _checks
 from bodyimage_kin._files import write_text
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording, UnknownName
-from bodyimage_kin.estimators.base import Pairs, is_count, require
+from bodyimage_kin.estimators import Pairs
 from bodyimage_kin.metrics import displacement_error
 from bodyimage_kin.metrics.held_out import HeldOut, hold_out
 from bodyimage_kin.recordings.schema import experience
@@ -158,9 +159,9 @@ def tune(
         InvalidRecording: An experience whose regions are too small to learn from and to judge.
         UnknownName: No such estimator.
     """
-    require(is_count(budget, 1), "budget", budget, "a whole number of at least 1")
-    require(is_count(folds, 2), "folds", folds, "a whole number of at least 2")
-    require(is_count(seed, 0), "seed", seed, "a whole number of at least 0")
+    _checks.whole("budget", budget, least=1)
+    _checks.whole("folds", folds, least=2)
+    _checks.whole("seed", seed, least=0)
     ((name, base),) = specs.estimator_table(spec).items()
     space = checked_space(name, _space_of(name) if space is None else space)
     given = _as_given(name, base, space, body)

@@ -29,7 +29,7 @@ class Perceptron(LearnedJacobian):
         in_scale: Divides the inputs.
         out_scale: Multiplies the outputs [m].
         posture: Whether the posture comes before dq in the inputs.
-        unit: ``"tanh"`` or ``"logistic"``.
+        activation: ``"tanh"`` or ``"logistic"``.
     """
 
     layers: Layers
@@ -37,22 +37,22 @@ class Perceptron(LearnedJacobian):
     in_scale: Float[Tensor, "inputs"]
     out_scale: Float[Tensor, "m"]
     posture: bool
-    unit: str
+    activation: str
 
     @property
-    def p(self) -> int:  # type: ignore[override]
+    def p(self) -> int:
         """Number of felt joints."""
         return len(self.in_scale) // (2 if self.posture else 1)
 
     @property
-    def m(self) -> int:  # type: ignore[override]
+    def m(self) -> int:
         """Number of coordinates of a hand image."""
         return len(self.out_scale)
 
     def _displacement(self, q: Tensor, dq: Tensor) -> Tensor:
         inputs = torch.cat([q, dq], dim=-1) if self.posture else dq
         x = (inputs - self.centre) / self.in_scale
-        activate = torch.tanh if self.unit == "tanh" else torch.sigmoid
+        activate = torch.tanh if self.activation == "tanh" else torch.sigmoid
         *hidden, (weights, biases) = self.layers
         for W, b in hidden:
             x = activate(x @ torch.from_numpy(W).T + torch.from_numpy(b))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -145,9 +145,10 @@ def jacobian_of_f(world: World) -> dict[str, Scores]:
     }
 
 
+@dataclass(frozen=True, eq=False)
 class _Unbiased(LearnedJacobian):
-    def __init__(self, learned: LearnedJacobian, bias: torch.Tensor) -> None:
-        self.learned, self.bias = learned, bias
+    learned: LearnedJacobian
+    bias: torch.Tensor
 
     @property
     def p(self) -> int:

@@ -91,7 +91,7 @@ def of_jacobian(world: World, learned: LearnedJacobian) -> dict[str, float]:
     q, dq = world.motion
     image = world.tour["true_hand_image"].values[0]
     path = bk.integrate(bk.experience(world.tour), learned, reset="none", initial=image[0]).values[0]
-    use = bk.metrics.unit_metric("use", dq=dq)
+    use = bk.metrics.motion_metric(dq, "true")
     with torch.no_grad():
         estimated = learned.jacobian(world.postures).numpy()
         foreseen = learned.displacement(q, dq).numpy()

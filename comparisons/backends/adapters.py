@@ -77,13 +77,13 @@ class RawFrax:
     """
 
     def __init__(self, urdf: str) -> None:
-        from bodyimage_kin.bench import _frax
+        from bench import frax_arm
 
         robot = bk.Robot.from_urdf(urdf)
         self.joint_names = robot.joint_names
         self._above = {joint.child: joint for joint in robot.tree.joints}
         self._truth = bk.kinematics(robot, "pinocchio")
-        self._robot = _frax.load(_frax.with_inertia(urdf), "Robot") if robot.n else None
+        self._robot = frax_arm.load(frax_arm.with_inertia(urdf), "Robot") if robot.n else None
 
         import jax
 

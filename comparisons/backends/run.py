@@ -12,6 +12,8 @@ from adapters import LIBRARIES
 from bodyimage_kin.testing.conform import conform
 
 HERE = Path(__file__).parent
+# How frax is called stands beside the measurements of speed.
+sys.path.append(str(HERE.parent / "speed"))
 ON_FILES = (
     *("pose_equals_oracle", "jacobian_equals_oracle", "hessian_equals_differences", "off_path_columns_are_zero"),
     *("mimic_is_multiplier_times_column", "invariant_under_renaming", "invariant_under_explicit_defaults"),

@@ -28,16 +28,16 @@ def my_jacobian(q):
 
 # %%
 # Ask it at every posture in which the hand touches the face, and hold the answers against the analytic truth. Joints
-# count as much as they move in touching: this is the metric that ``excitation`` takes from a recording of touches.
+# count as much as they move in touching: ``excitation`` takes this metric from a recording of touches.
 
 q = body.touch_postures(range(body.skin.count))  # (441, p), one posture a taxel
 true = body.hand_image_jacobian(q)
 mine = np.stack([my_jacobian(one) for one in q.numpy()])
 
 touch = bk.simulate.random_touch(body, seed=0, duration=60.0)
-excitation = bk.metrics.excitation(steps, touch.true_q.diff("time").values)
-parts = bk.metrics.attribute(true, mine, excitation.metric, excitation.projector())
-for name in ("depth", "mean_excited", "mean_unexcited", "variation", "total"):
+excitation = bk.metrics.excitation(steps, touch)
+parts = bk.metrics.attribute(true, mine, excitation.motion_metric, excitation)
+for name in ("scale", "mean_excited", "mean_unexcited", "variation", "total"):
     print(f"{name:15s} {getattr(parts, name):.3f} of the squared relative error")
 
 # %%
@@ -45,9 +45,9 @@ for name in ("depth", "mean_excited", "mean_unexcited", "variation", "total"):
 # Right, the squared error over the whole face as the sum of its parts.
 
 figure, (*faces, bars) = plt.subplots(1, 3, figsize=(8.5, 3.3), layout="constrained")
-jacobians = {"as measured": mine, f"times {parts.scale:.2f}": parts.scale * mine}
+jacobians = {"as measured": mine, f"times {parts.best_scale:.2f}": parts.best_scale * mine}
 for axes, (title, jacobian) in zip(faces, jacobians.items(), strict=True):
-    errors = bk.metrics.jacobian_errors(true, jacobian, metric=excitation.metric)
+    errors = bk.metrics.jacobian_errors(true, jacobian, metric=excitation.motion_metric)
     grid = errors.relative_error.values.reshape(body.skin.shape)
     face = axes.imshow(grid, cmap="cividis", vmin=0, vmax=0.8)
     for name, taxel in body.skin.landmarks.items():
@@ -56,14 +56,14 @@ for axes, (title, jacobian) in zip(faces, jacobians.items(), strict=True):
     axes.set(title=title, xlabel="column of taxels", ylabel="row of taxels")
 figure.colorbar(face, ax=faces, shrink=0.8, label="relative error")
 figure.legend(*faces[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
-names = ["depth", "mean,\nexcited", "mean,\nunexcited", "variation"]
-sizes = [parts.depth, parts.mean_excited, parts.mean_unexcited, parts.variation]
+names = ["scale", "mean,\nexcited", "mean,\nunexcited", "variation"]
+sizes = [parts.scale, parts.mean_excited, parts.mean_unexcited, parts.variation]
 bars.barh(names, sizes, color="#4aa8e0", edgecolor="black")
 bars.set(title="why", xlabel="squared relative error")
 bars.invert_yaxis()
 plt.show()
 
 # %%
-# Most of it is *depth*: the matrix was measured farther from the eye than it is used, so what it foresees is too small,
+# Most of it is *scale*: the matrix was measured farther from the eye than it is used, so what it foresees is too small,
 # and no single eye could know by how much. What one factor cannot mend is mostly *variation*: it differs from taxel
 # to taxel, and no constant matrix can follow.

@@ -34,38 +34,36 @@ estimators = {
 
 seen = bk.experience(recording)
 learned = {name: estimator.fit(seen, seed=0) for name, estimator in estimators.items()}
-taxels = range(body.skin.count)
 probes = {
-    "on_circle": recording.true_q.values[0],
-    "in_front": body.touch_postures(taxels, distance=0.03),
-    "on_face": body.touch_postures(taxels),
+    "on_circle": bk.probes.Training(),
+    "in_front": bk.probes.Face(distance=0.03),
+    "on_face": bk.probes.Face(),
 }
 touch = bk.simulate.random_touch(body, seed=0, duration=60.0)
-dq_circle, dq_touch = (one.true_q.diff("time").values for one in (recording, touch))
-excitation = bk.metrics.excitation(dq_circle, dq_touch)
-W, P = excitation.metric, excitation.projector()
+excitation = bk.metrics.excitation(recording, touch)  # of the felt motions
 
 # %%
 # The squared relative error is a sum of four parts, none of them negative. A Jacobian of zeros has 1.
 
 looks = {
-    "depth": {"color": "#24405e"},
+    "scale": {"color": "#24405e"},
     "mean_excited": {"color": "#7da7c4", "hatch": "////"},
     "mean_unexcited": {"color": "#dbe7f0", "hatch": "...."},
     "variation": {"color": "#e8b04a"},
 }
 figure, panels = plt.subplots(1, 3, sharey=True, figsize=(8.5, 3.3), layout="constrained")
-for axes, (probe, q) in zip(panels, probes.items(), strict=True):
+for axes, (place, probe) in zip(panels, probes.items(), strict=True):
+    q = probe.postures(body, recording)
     true = body.hand_image_jacobian(q)
     for name in learned:
-        found = bk.metrics.attribute(true, learned[name].jacobian(q), W, P)
-        print(f"{probe:10s} {name:17s} relative error {found.total**0.5:.3f}")
+        found = bk.metrics.attribute(true, learned[name].jacobian(q), excitation.motion_metric, excitation)
+        print(f"{place:10s} {name:17s} relative error {found.total**0.5:.3f}")
         left = 0.0
         for part, look in looks.items():
             size = getattr(found, part)
             axes.barh(style.label(name), size, left=left, edgecolor="black", **look)
             left += size
-    axes.set(title=style.label(probe), xlabel="squared relative error", xlim=(0, 0.36))
+    axes.set(title=style.label(place), xlabel="squared relative error", xlim=(0, 0.36))
 panels[0].invert_yaxis()
 parts = [part.replace("_", ", ") for part in looks]
 figure.legend(panels[0].containers[:4], parts, loc="outside upper center", ncols=4)
@@ -73,6 +71,6 @@ plt.show()
 
 # %%
 # At the distance where the hand was seen, all errors are small. On the face every one is larger, and most of what sets
-# them apart is depth: a constant matrix (least squares) and a network of motion alone (the paper's) have no word for
-# it. Models of a hand before a pinhole eye (rational trigonometric) or of the whole arm (self-calibration) find it in
-# how the image changed where the hand was seen.
+# them apart is one scale, that of depth: a constant matrix (least squares) and a network of motion alone (the paper's)
+# have no word for it. Models of a hand before a pinhole eye (rational trigonometric) or of the whole arm
+# (self-calibration) find it in how the image changed where the hand was seen.

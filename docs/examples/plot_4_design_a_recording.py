@@ -21,7 +21,6 @@ designs = {
     "torque noise": {"drag": bk.simulate.DragSettings(torque_variance=0.01)},
 }
 touch = bk.simulate.random_touch(body, seed=0, duration=60.0)
-dq_touch = touch.true_q.diff("time").values
 
 # %%
 # An eigenvalue is the mean squared motion along one direction, the circle's over that of touching. A direction of less
@@ -33,16 +32,16 @@ q = body.touch_postures(range(body.skin.count))
 true = body.hand_image_jacobian(q)
 for name, settings in designs.items():
     circle = bk.simulate.circle(body, seed=0, **settings)
-    dq_circle = circle.true_q.diff("time").values
-    found = excitations[name] = bk.metrics.excitation(dq_circle, dq_touch)
+    found = excitations[name] = bk.metrics.excitation(circle, touch)
     learned = bk.estimators.LeastSquares().fit(bk.experience(circle))
-    parts = bk.metrics.attribute(true, learned.jacobian(q), found.metric, found.projector())
+    parts = bk.metrics.attribute(true, learned.jacobian(q), found.motion_metric, found)
     print(f"{name:20s} weakest {found.eigenvalues[-1]:.3f};", end=" ")
-    print(f"error {parts.total:.2f}, unexcited {parts.mean_unexcited:.2f}, depth {parts.depth:.2f}")
+    print(f"error {parts.total:.2f}, unexcited {parts.mean_unexcited:.2f}, scale {parts.scale:.2f}")
 
 # %%
 # Left, the eigenvalues of each design. Right, the weakest direction of the paper's circle as joint motion, which is
-# ``metric @ eigenvector``: how far touching moves along it in a step of 0.1 s, one standard deviation to either side.
+# ``motion_metric @ eigenvector``: how far touching moves along it in a step of 0.1 s, one standard deviation to either
+# side.
 
 figure, (spectra, direction) = plt.subplots(1, 2, figsize=(8.5, 3.8), layout="constrained")
 number = range(1, 1 + body.p)
@@ -56,7 +55,7 @@ spectra.set_xticks(number)
 spectra.legend()
 weakest = excitations["the paper's circle"]
 joints = [joint.removeprefix("left_").replace("_", " ") for joint in body.joints]
-motion = weakest.metric @ weakest.eigenvectors[:, -1]
+motion = weakest.motion_metric @ weakest.eigenvectors[:, -1]
 direction.barh(joints, 1000 * motion, color="0.8", edgecolor="black")
 direction.axvline(0.0, color="black", linewidth=0.8)
 direction.set(title="what the paper's circle hardly does", xlabel="motion in one step [mrad]")

@@ -38,7 +38,7 @@ print(*results.sizes)
 
 infant = results.sel(embodiment="infant")
 print(infant.relative_error_use.sel(probe="on_face").mean("seed").to_pandas().round(3))
-print(infant.attribution.sel(probe="on_face", part="depth").mean("seed").to_pandas().round(3))
+print(infant.attribution.sel(probe="on_face", part="scale").mean("seed").to_pandas().round(3))
 
 # %%
 # Estimators learned from the same recordings, so they are compared in pairs: an estimator's error over that of least

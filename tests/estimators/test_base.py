@@ -13,6 +13,8 @@ from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidRecording
 from bodyimage_kin.estimators import Analytic, LeastSquares, PaperMLP, pairs
 
 SPECS = [LeastSquares(), PaperMLP(steps=30)]
+TRIG, NEAR = bk.estimators.TrigRidge(degree=1), bk.estimators.NearestNeighbours()
+DEEP = bk.estimators.ForwardNetwork(hidden=(4,), steps=2)
 
 
 # Pairs ----------------------------------------------------------------------------------------------------------------
@@ -27,7 +29,6 @@ def test_pairs_are_the_steps_felt_and_seen_at_both_ends(circle):
     q, image = exp.q.values[0], exp.hand_image.values[0]
     np.testing.assert_array_equal(data.q.numpy(), q[kept])
     np.testing.assert_array_equal(data.dq.numpy(), q[[i + 1 for i in kept]] - q[kept])
-    np.testing.assert_array_equal(data.image.numpy(), image[kept])
     np.testing.assert_array_equal(data.dr.numpy(), image[[i + 1 for i in kept]] - image[kept])
 
 
@@ -163,6 +164,52 @@ def test_a_learned_jacobian_comes_back_to_the_bit(spec, circle, tmp_path):
     learned.save(folder)
 
 
+def test_a_unit_travels_from_the_recording_to_the_file(circle, tmp_path):
+    exp = bk.experience(circle)
+    assert LeastSquares().fit(exp).unit == exp.hand_image.attrs["units"] == "m"
+    exp = exp.assign(hand_image=exp.hand_image.assign_attrs(units="px"))
+    for spec in (*SPECS, bk.estimators.ForwardNetwork(hidden=(3,), steps=2), bk.estimators.nulls.Zero(LeastSquares())):
+        assert spec.fit(exp).unit == "px"
+    LeastSquares().fit(exp).save(tmp_path)
+    assert bk.load_learned(tmp_path).unit == "px"
+    assert LeastSquares().fit(exp.assign(hand_image=exp.hand_image.drop_attrs())).unit == ""
+
+
+def test_sizes_are_read_off_the_fields(circle):
+    learned = bk.estimators.TrigRidge(degree=1).fit(bk.experience(circle))
+    assert (learned.p, learned.m) == (len(learned.basis.centre), learned.weights.shape[1]) == (5, 2)
+
+    @dataclasses.dataclass(frozen=True, eq=False)
+    class Nameless(bk.estimators.LearnedJacobian):
+        matrix: torch.Tensor
+
+        def _displacement(self, q, dq):
+            return dq
+
+    with pytest.raises(TypeError, match="no field of Nameless has a dimension 'p'"):
+        _ = Nameless(torch.zeros(2, 3)).p
+
+
+def test_the_protocol_is_met_by_ours_and_by_others(circle, body):
+    exp = bk.experience(circle)
+    for spec in (*SPECS, Analytic(body), bk.estimators.TrigRidge(1)):
+        assert isinstance(spec.fit(exp), bk.estimators.Learned)
+    assert isinstance(bk.estimators.TrigRidge(1).fit(exp), bk.estimators.LearnedImage)
+    assert not isinstance(LeastSquares().fit(exp), bk.estimators.LearnedImage)
+
+    class Foreign:
+        p, m = 5, 2
+
+        def displacement(self, q, dq):
+            return dq[..., :2]
+
+        def jacobian(self, q):
+            return torch.eye(2, 5).expand(*q.shape[:-1], 2, 5)
+
+    assert isinstance(Foreign(), bk.estimators.Learned)
+    assert not isinstance(LeastSquares(), bk.estimators.Learned)
+
+
 def test_prior_knowledge_is_not_saved(body, circle, tmp_path):
     with pytest.raises(InvalidConfig, match="AnalyticJacobian cannot be saved"):
         Analytic(body).fit(bk.experience(circle)).save(tmp_path / "analytic")
@@ -189,7 +236,7 @@ def test_files_that_are_not_ours_are_refused(circle, tmp_path):
             bk.load_learned(folder)
     folder = saved("lacking")
     save_file({"other": torch.zeros(1)}, str(folder / "learned.safetensors"))
-    with pytest.raises(InvalidConfig, match="lacks the array 'matrix'"):
+    with pytest.raises(InvalidConfig, match="the array 'matrix' is missing"):
         bk.load_learned(folder)
     folder = saved("future")
     description = json.loads((folder / "learned.json").read_text())
@@ -197,6 +244,91 @@ def test_files_that_are_not_ours_are_refused(circle, tmp_path):
         (folder / "learned.json").write_text(json.dumps({**description, **change}))
         with pytest.raises(InvalidConfig, match="holds no learned Jacobian that this version reads"):
             bk.load_learned(folder)
+
+
+@pytest.mark.parametrize(
+    ("spec", "change", "said"),
+    [
+        (LeastSquares(), {"matrix": [2]}, "shape"),
+        (LeastSquares(), {"matrix": "[2, 5]"}, "shape"),
+        (LeastSquares(), {"unit": 3}, "give a text"),
+        (LeastSquares(), {"kind": 3}, "a table with its kind"),
+        (TRIG, {"basis": []}, "a table with its kind"),
+        (TRIG, {"basis": {"kind": "trigonometric_basis"}}, "basis.centre is missing"),
+        (TRIG, {"basis": {"kind": "trigonometric_basis", "centre": [5], "degree": 0}}, "degree"),
+        (TRIG, {"basis": {"kind": "trigonometric_basis", "centre": [5], "degree": True}}, "degree"),
+        (TRIG, {"basis": {"kind": "trigonometric_basis", "centre": [5], "degree": 2}}, "functions"),
+        (NEAR, {"neighbours": 10**9}, "neighbours"),
+        (NEAR, {"penalty": float("nan")}, "penalty"),
+        (NEAR, {"penalty": "1"}, "penalty"),
+        (DEEP, {"layers": []}, "list that is not empty"),
+        (DEEP, {"layers": [[4, 5], [4], [2, 4]]}, "layers have shapes"),
+    ],
+)
+def test_a_description_that_lies_is_refused(spec, change, said, circle, tmp_path):
+    spec.fit(bk.experience(circle)).save(tmp_path)
+    description = json.loads((tmp_path / "learned.json").read_text())
+    (tmp_path / "learned.json").write_text(json.dumps({**description, **change}))
+    with pytest.raises(InvalidConfig, match="holds no learned Jacobian") as caught:
+        bk.load_learned(tmp_path)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("array", "said"),
+    [
+        (torch.zeros(10, dtype=torch.float64), "it must be (m, p)"),
+        (torch.zeros(2, 0, dtype=torch.float64), "empty"),
+        (torch.full((2, 5), torch.nan, dtype=torch.float64), "not finite"),
+        (torch.full((2, 5), torch.inf, dtype=torch.float64), "not finite"),
+        (torch.zeros(2, 5, dtype=torch.complex64), "complex64"),
+        (torch.zeros(2, 5, dtype=torch.int64), "int64"),
+        (torch.zeros(2, 5, dtype=torch.float16), "float16"),
+    ],
+)
+def test_an_array_that_is_none_of_ours_is_refused(array, said, circle, tmp_path):
+    LeastSquares().fit(bk.experience(circle)).save(tmp_path)
+    description = json.loads((tmp_path / "learned.json").read_text())
+    (tmp_path / "learned.json").write_text(json.dumps({**description, "matrix": list(array.shape)}))
+    save_file({"matrix": array}, str(tmp_path / "learned.safetensors"))
+    with pytest.raises(InvalidConfig, match="holds no learned Jacobian") as caught:
+        bk.load_learned(tmp_path)
+    assert said in str(caught.value)
+
+
+def test_arrays_that_do_not_belong_together_are_refused(circle, tmp_path):
+    PaperMLP(steps=1).fit(bk.experience(circle)).save(tmp_path)
+    arrays = load_file(str(tmp_path / "learned.safetensors"))
+    description = json.loads((tmp_path / "learned.json").read_text())
+    (tmp_path / "learned.json").write_text(json.dumps({**description, "b1": [9]}))
+    save_file({**arrays, "b1": arrays["b1"][:9].contiguous()}, str(tmp_path / "learned.safetensors"))
+    with pytest.raises(InvalidConfig, match="b1 has 9 of 'hidden', others have 10"):
+        bk.load_learned(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, '{"kind": "x", "pad": "' + "x" * (1 << 22) + '"}'])
+def test_descriptions_are_bounded_in_depth_and_length(text, circle, tmp_path):
+    LeastSquares().fit(bk.experience(circle)).save(tmp_path)
+    (tmp_path / "learned.json").write_text(text)
+    with pytest.raises(InvalidConfig, match=r"too deep|longer than"):
+        bk.load_learned(tmp_path)
+
+
+def test_an_ensemble_within_itself_without_end_is_refused(circle, tmp_path):
+    LeastSquares().fit(bk.experience(circle)).save(tmp_path)
+    description = json.loads((tmp_path / "learned.json").read_text())
+    inner = {key: value for key, value in description.items() if key not in ("format", "version")}
+    for _ in range(400):
+        inner = {"kind": "ensemble", "unit": "", "members": [inner]}
+    (tmp_path / "learned.json").write_text(json.dumps({**description, **inner}))
+    with pytest.raises(InvalidConfig, match="holds no learned Jacobian"):
+        bk.load_learned(tmp_path)
+
+
+def test_what_is_not_finite_is_not_saved(tmp_path):
+    with pytest.raises(InvalidConfig, match="ConstantJacobian cannot be saved: matrix has values that are not finite"):
+        bk.estimators.ConstantJacobian(torch.full((2, 3), torch.nan, dtype=torch.float64)).save(tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["os.system", "bodyimage_kin.estimators:LeastSquares", "LeastSquares", "", "constnat"])
@@ -213,7 +345,7 @@ def test_no_class_that_a_file_names_is_imported(circle, tmp_path, kind, monkeypa
 def test_an_interrupted_save_leaves_the_old_one(circle, tmp_path, monkeypatch):
     LeastSquares().fit(bk.experience(circle)).save(tmp_path)
     before = load_file(str(tmp_path / "learned.safetensors"))
-    monkeypatch.setattr("bodyimage_kin.estimators.base.save_file", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr("bodyimage_kin.estimators._kept.save_file", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         LeastSquares().fit(bk.experience(circle).isel(time=slice(0, 50))).save(tmp_path)
     assert torch.equal(load_file(str(tmp_path / "learned.safetensors"))["matrix"], before["matrix"])

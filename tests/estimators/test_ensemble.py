@@ -5,8 +5,8 @@ import pytest
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.estimators import Analytic, Ensemble, ForwardNetwork, Ridge
+from bodyimage_kin.errors import InvalidArray, InvalidConfig
+from bodyimage_kin.estimators import Analytic, ConstantJacobian, Ensemble, ForwardNetwork, Ridge
 from bodyimage_kin.estimators.ensemble import EnsembleJacobian
 
 SPEC = Ensemble(ForwardNetwork(hidden=(4,), steps=5), members=3)
@@ -53,8 +53,9 @@ def test_ensembles_of_what_is_known_cannot_be_saved(circle, body, tmp_path):
         learned.save(tmp_path / "known")
 
 
-def test_files_that_name_no_members_are_refused():
-    with pytest.raises(InvalidConfig, match="without members"):
-        EnsembleJacobian.from_arrays({})
-    with pytest.raises(UnknownName):
-        EnsembleJacobian.from_arrays({"000:nothing:matrix": torch.zeros(2, 3)})
+def test_members_are_there_and_of_one_size():
+    with pytest.raises(InvalidArray, match="members of one size"):
+        EnsembleJacobian(())
+    members = [ConstantJacobian(torch.zeros(2, p, dtype=torch.float64)) for p in (3, 4)]
+    with pytest.raises(InvalidArray, match="members of one size"):
+        EnsembleJacobian(tuple(members))

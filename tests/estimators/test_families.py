@@ -8,7 +8,7 @@ import torch
 
 import bodyimage_kin as bk
 from bodyimage_kin import estimators
-from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidRecording, UnknownName
+from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidRecording
 
 SPECS = {
     "Ridge": estimators.Ridge(),
@@ -156,38 +156,3 @@ def test_specs_are_frozen_and_their_settings_checked(spec):
         if isinstance(value, int):
             with pytest.raises(InvalidConfig, match=field.name):
                 dataclasses.replace(spec, **{field.name: True})
-
-
-# Names and places -----------------------------------------------------------------------------------------------------
-
-
-def test_estimators_are_found_by_name_place_class_and_object():
-    ridge = estimators.Ridge(0.5)
-    assert estimators.resolve(ridge) is ridge
-    assert estimators.resolve("Ridge") == estimators.Ridge()
-    assert estimators.resolve(estimators.Kalman) == estimators.Kalman()
-    assert estimators.resolve("bodyimage_kin.estimators.online:Broyden") == estimators.Broyden()
-
-    class Mine:
-        def fit(self, exp, seed=0):
-            return None
-
-    mine = Mine()
-    assert estimators.resolve(mine) is mine
-
-
-@pytest.mark.parametrize(
-    ("spec", "error", "message"),
-    [
-        ("Rigde", UnknownName, "did you mean 'Ridge'"),
-        ("no_such_module:Thing", InvalidConfig, "cannot load estimator"),
-        ("math:no_such_thing", InvalidConfig, "cannot load estimator"),
-        (":", InvalidConfig, "cannot load estimator"),
-        ("math:pi", InvalidConfig, "no method fit"),
-        ("SelfCalibration", InvalidConfig, "without arguments"),
-        (3, InvalidConfig, "no method fit"),
-    ],
-)
-def test_what_is_no_estimator_is_refused(spec, error, message):
-    with pytest.raises(error, match=message):
-        estimators.resolve(spec)

@@ -78,5 +78,5 @@ def test_draws_are_counted(learned):
 
 
 def test_kernels_are_known():
-    with pytest.raises(InvalidConfig, match="'trigonometric' or 'radial'"):
+    with pytest.raises(InvalidConfig, match="one of 'trigonometric', 'radial'"):
         GaussianProcess("linear")

@@ -111,9 +111,9 @@ def test_a_joint_that_never_moves_spoils_nothing():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"hidden": 0}, "hidden=0: give a positive whole number"),
+        ({"hidden": 0}, "hidden=0: give a whole number of at least 1"),
         ({"hidden": True}, "hidden=True"),
-        ({"learning_rate": 0.0}, "learning_rate=0.0: give a positive number"),
+        ({"learning_rate": 0.0}, "learning_rate=0.0: give a number above 0"),
         ({"learning_rate": math.nan}, "learning_rate=nan"),
         ({"learning_rate": math.inf}, "learning_rate=inf"),
         ({"steps": -1}, "steps=-1: give a whole number of at least 0"),

@@ -6,7 +6,7 @@ import pytest
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
 from bodyimage_kin.figures import score_figures, style
 
-PARTS = ("depth", "mean_excited", "mean_unexcited", "variation")
+PARTS = ("scale", "mean_excited", "mean_unexcited", "variation")
 BAR = dict(zip(PARTS, (0.4, 0.1, 0.05, 0.25), strict=True))
 DOSES = np.linspace(0, 1, 9)
 GRID = np.stack(np.meshgrid(np.linspace(-0.03, 0.03, 4), np.linspace(-0.02, 0.02, 3)), -1)
@@ -126,8 +126,8 @@ def test_each_unit_is_tied_to_where_its_posture_truly_is():
     ("call", "error", "match"),
     [
         (lambda: score_figures.attribution_bars({}), InvalidConfig, "empty"),
-        (lambda: score_figures.attribution_bars({"a": {"b": {"depth": 1.0}}}), InvalidConfig, "variation"),
-        (lambda: score_figures.attribution_bars({"a": {"b": BAR | {"depth": -0.1}}}), InvalidArray, "negative"),
+        (lambda: score_figures.attribution_bars({"a": {"b": {"scale": 1.0}}}), InvalidConfig, "variation"),
+        (lambda: score_figures.attribution_bars({"a": {"b": BAR | {"scale": -0.1}}}), InvalidArray, "negative"),
         (lambda: score_figures.dose_response(DOSES, {}), InvalidConfig, "empty"),
         (lambda: score_figures.dose_response({"a": DOSES}, {"b": {"span": DOSES}}), InvalidConfig, "no doses"),
         (lambda: score_figures.dose_response(DOSES, {"b": {"span": DOSES[1:]}}), InvalidArray, "shape"),

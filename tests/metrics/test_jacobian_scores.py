@@ -7,34 +7,11 @@ import torch
 import xarray as xr
 
 from bodyimage_kin import metrics
-from bodyimage_kin.errors import InvalidArray, UnknownName
+from bodyimage_kin.errors import InvalidArray
 
 RNG = np.random.default_rng(0)
 TRUE, ESTIMATED = RNG.normal(size=(2, 3, 7, 2, 5))
 METRIC = np.cov(RNG.normal(size=(5, 50)))
-
-
-def test_unit_metrics_by_hand():
-    np.testing.assert_array_equal(metrics.unit_metric("identity", p=3), np.eye(3))
-    limits = {"lower": [-1.0, 0.0, -np.inf], "upper": [1.0, 0.5, np.inf]}
-    np.testing.assert_allclose(metrics.unit_metric("range", **limits), np.diag([4, 0.25, 4 * np.pi**2]))
-    dq = np.array([[1.0, 0.0], [1.0, 2.0], [np.nan, 0.0]])
-    # mean of [[1, 0], [0, 0]] and [[1, 2], [2, 4]], trace 3.
-    np.testing.assert_allclose(metrics.unit_metric("use", dq=dq), [[1 + 1.5e-6, 1], [1, 2 + 1.5e-6]], rtol=1e-12)
-
-
-def test_unit_metrics_say_what_they_need():
-    with pytest.raises(UnknownName, match="unit metric 'rang'; did you mean 'range'"):
-        metrics.unit_metric("rang")
-    for kind, message in (("identity", "needs p"), ("range", "needs lower"), ("use", "needs dq")):
-        with pytest.raises(InvalidArray, match=message):
-            metrics.unit_metric(kind)
-    with pytest.raises(InvalidArray, match="no motion"):
-        metrics.unit_metric("use", dq=np.zeros((4, 2)))
-    with pytest.raises(InvalidArray, match="no finite row"):
-        metrics.unit_metric("use", dq=np.full((4, 2), np.nan))
-    with pytest.raises(InvalidArray, match="below"):
-        metrics.unit_metric("range", lower=[0.0], upper=[np.inf])
 
 
 def test_relative_error_by_hand():
@@ -98,7 +75,9 @@ def test_tensors_arrays_and_lists_are_alike():
         metrics.relative_error(torch.ones(2, 2, dtype=torch.int64), ESTIMATED)
 
 
-@pytest.mark.parametrize("metric", [-np.eye(5), np.triu(np.ones((5, 5))), np.eye(4), np.full((5, 5), np.nan)])
+@pytest.mark.parametrize(
+    "metric", [-np.eye(5), np.triu(np.ones((5, 5))), np.eye(4), np.full((5, 5), np.nan), "ident", None]
+)
 def test_a_metric_that_is_none_is_refused(metric):
     with pytest.raises(InvalidArray, match="metric"):
         metrics.relative_error(TRUE, ESTIMATED, metric)

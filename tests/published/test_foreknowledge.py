@@ -93,7 +93,7 @@ def test_postures_are_spread_over_the_touch_motion_and_its_padding_left_out(circ
     one, other = (fk.Known.of(circle, q, LeastSquares(), most=11) for q in (touch.q.values, padded))
     torch.testing.assert_close(one.postures, other.postures, rtol=0, atol=0)
     np.testing.assert_array_equal(one.samples, np.linspace(0, touch.sizes["time"] - 1, 11).round())
-    np.testing.assert_allclose(one.metric, bk.metrics.unit_metric("use", dq=np.diff(touch.q.values, axis=1)))
+    np.testing.assert_allclose(one.metric, bk.metrics.motion_metric(touch))
     np.testing.assert_array_equal(one.metric, other.metric)
 
 
@@ -471,7 +471,7 @@ def test_all_predictors_say_what_they_assume(body):
         (lambda b, c, t: fk.Known.of(c, np.zeros(5), LeastSquares()), InvalidPosture, "in order"),
         (lambda b, c, t: fk.Known.of(c, t.q.values, "LeastSquares"), InvalidConfig, "an estimator"),
         (lambda b, c, t: fk.Known.of(c, t.q.values, LeastSquares(), most=0), InvalidConfig, "most=0"),
-        (lambda b, c, t: fk.MeanPostureDistance("inch"), InvalidConfig, "'radian' or 'seen'"),
+        (lambda b, c, t: fk.MeanPostureDistance("inch"), InvalidConfig, "'radian', 'seen'"),
         (lambda b, c, t: fk.GaussianProcessPosterior(draws=0), InvalidConfig, "draws=0"),
         (lambda b, c, t: fk.GaussianProcessPosterior("cubic"), InvalidConfig, "kernel='cubic'"),
         (lambda b, c, t: fk.PerturbedArms(b, arms=0), InvalidConfig, "arms=0"),

@@ -32,7 +32,7 @@ def results():
         },
         {
             "embodiment": ["infant"], "recording": ["noise_free", "noisy"], "estimator": ESTIMATORS,
-            "seed": range(SEEDS), "probe": PROBES, "part": ["depth", "mean_excited", "mean_unexcited", "variation"],
+            "seed": range(SEEDS), "probe": PROBES, "part": ["scale", "mean_excited", "mean_unexcited", "variation"],
         },
         {"versions": json.dumps({"numpy": "1.2.3"})},
     )  # fmt: skip

@@ -32,8 +32,8 @@ def attributed(body, jacobian, train, use, taxels=None):
     excitation = metrics.excitation(train, use)
     q = body.touch_postures(np.arange(body.skin.count))
     true = body.hand_image_jacobian(q).numpy()
-    found = metrics.attribute(true, np.broadcast_to(jacobian, true.shape), excitation.metric, excitation.projector())
-    total = metrics.pooled_relative_error(true, np.broadcast_to(jacobian, true.shape), excitation.metric)
+    found = metrics.attribute(true, np.broadcast_to(jacobian, true.shape), excitation.motion_metric, excitation)
+    total = metrics.pooled_relative_error(true, np.broadcast_to(jacobian, true.shape), excitation.motion_metric)
     assert found.total == pytest.approx(total**2, abs=1e-10)
     return found
 
@@ -48,11 +48,11 @@ def steps(seen):
     return data.dq.numpy(), data.dr.numpy()
 
 
-def test_scaling_the_jacobian_moves_depth_alone(body, steps, use):
+def test_scaling_the_jacobian_moves_the_scale_alone(body, steps, use):
     dq, dr = steps
     jacobian = least_squares(dq, dr)
     before, after = (attributed(body, factor * jacobian, dq, use) for factor in (1.0, 0.5))
-    assert after.depth > before.depth + 0.1
+    assert after.scale > before.scale + 0.1
     for part in ("mean_excited", "mean_unexcited", "variation"):
         assert getattr(after, part) == pytest.approx(getattr(before, part), abs=1e-10)
 
@@ -64,14 +64,14 @@ def test_silencing_a_joint_moves_the_unexcited_part(body, steps, use, joint):
     mean = body.hand_image_jacobian(q).numpy().mean(0)
     # The best constant Jacobian is learned without a flaw from displacements that it makes itself.
     whole = attributed(body, least_squares(dq, dq @ mean.T), use, use)
-    assert whole.mean_excited + whole.mean_unexcited + whole.depth < 0.02
+    assert whole.mean_excited + whole.mean_unexcited + whole.scale < 0.02
     silent = dq.copy()
     silent[:, joint] = 0.0
     train = use.copy()
     train[:, joint] = 0.0
     deaf = attributed(body, least_squares(silent, silent @ mean.T), train, use)
     # A column less is a smaller Jacobian as well, and so moves the one scale that is split off first.
-    gained = {part: getattr(deaf, part) - getattr(whole, part) for part in PARTS if part != "depth"}
+    gained = {part: getattr(deaf, part) - getattr(whole, part) for part in PARTS if part != "scale"}
     assert max(gained, key=gained.__getitem__) == "mean_unexcited"
     assert gained["mean_unexcited"] > 1e-4
     assert gained["variation"] == pytest.approx(0.0, abs=1e-10)
@@ -95,6 +95,6 @@ def test_the_true_jacobian_has_no_part(body, use):
     q = body.touch_postures(np.arange(body.skin.count))
     true = body.hand_image_jacobian(q)
     excitation = metrics.excitation(use, use)
-    found = metrics.attribute(true, true, excitation.metric, excitation.projector())
+    found = metrics.attribute(true, true, excitation.motion_metric, excitation)
     assert found.total < 1e-20
     assert torch.is_tensor(true)

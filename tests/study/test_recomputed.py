@@ -67,11 +67,11 @@ class Recomputed:
             "on_face": body.touch_postures(everywhere),
         }
         drawn = body.felt_robot.sample(400, seed=0)
-        seen = body.hand_in_camera(drawn)[:, 2] >= body.camera.near
+        seen = body.hand_in_camera(drawn)[:, 2] >= body.camera.screen.near
         self.probes["joint_space"] = drawn[seen][:JOINT_SPACE]
         self.true = {probe: body.hand_image_jacobian(q).numpy() for probe, q in self.probes.items()}
         steps, use = (np.diff(one["true_q"].values[0], axis=0) for one in (self.circle, self.touch))
-        self.excitation = metrics.excitation(steps, use, 0.1)
+        self.excitation = metrics.excitation(steps, use, "true", 0.1)
         self.metric = use.T @ use / len(use)
         self.metric += 1e-6 * np.trace(self.metric) / body.p * np.eye(body.p)
 
@@ -135,7 +135,7 @@ def test_every_score_is_recomputed_somewhere(results):
     recomputed = {
         "relative_error", "relative_error_use", "scale_free_error", "attribution", "scale",
         "relative_error_by_posture", "scale_free_error_by_posture", "critical_gain_by_posture",
-        "depth_by_posture", "variation_by_posture", "basin_by_posture",
+        "scale_by_posture", "variation_by_posture", "basin_by_posture",
         "displacement_error", "velocity_correlation", "velocity_nrmse", "trajectory_rmse", "trajectory_split",
         "touch_trajectory_rmse", "map_error", "map_error_to_truth", "map_topological_error", "map_span",
         "map_disparity", "map_folded_cells", "posture_map_error",
@@ -173,7 +173,7 @@ def test_scores_at_a_probe(pair, probe):
     assert at["relative_error_by_posture"].isel(posture=slice(n, None)).isnull().all()
     close(by_posture["relative_error_by_posture"], np.sqrt(size(E, W) / size(J, W)), rtol=1e-6)
     close(by_posture["variation_by_posture"], size(deviation, W) / size(J, W).mean(), rtol=1e-6)
-    close(by_posture["depth_by_posture"], (1 - scale) ** 2 * size(Jh, W) / size(J, W).mean(), rtol=1e-6)
+    close(by_posture["scale_by_posture"], (1 - scale) ** 2 * size(Jh, W) / size(J, W).mean(), rtol=1e-6)
     free = 1 - np.einsum("nij,jk,nik->n", Jh, W, J) ** 2 / (size(Jh, W) * size(J, W))
     np.testing.assert_allclose(by_posture["scale_free_error_by_posture"], free, rtol=1e-5, atol=1e-9)
     gain = metrics.critical_gain(metrics.servo_matrix(J, Jh))

@@ -160,7 +160,7 @@ def test_the_truth_has_no_error_and_learners_have(done):
 def test_parts_sum_to_the_squared_error_and_postures_to_the_parts(done):
     results = done[1]
     np.testing.assert_allclose(results["attribution"].sum("part"), results["relative_error_use"] ** 2, atol=1e-12)
-    for part in ("depth", "variation"):
+    for part in ("scale", "variation"):
         mean = results[f"{part}_by_posture"].mean("posture")
         np.testing.assert_allclose(mean, results["attribution"].sel(part=part), atol=1e-12)
 

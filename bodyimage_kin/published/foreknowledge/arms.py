@@ -6,7 +6,6 @@ calibrated arm is found from what was seen.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,11 +16,11 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators import SelfCalibration
 from bodyimage_kin.estimators._chain import Chain
-from bodyimage_kin.estimators.base import is_count, require
 from bodyimage_kin.estimators.self_calibration import CalibratedChain
 from bodyimage_kin.published.foreknowledge.known import Known, PlausibleTruths
 
@@ -65,10 +64,9 @@ class PerturbedArms(PlausibleTruths):
     )
 
     def __post_init__(self) -> None:
-        require(is_count(self.arms, 1), "arms", self.arms, "a positive whole number")
+        _checks.whole("arms", self.arms, least=1)
         for name in ("axis_spread", "offset_spread", "nominal_error", "encoder_noise", "image_noise"):
-            value = getattr(self, name)
-            require(0 <= value < math.inf, name, value, "a number of at least 0")
+            _checks.number(name, getattr(self, name), least=0.0)
 
     def worlds(
         self, known: Known

@@ -12,12 +12,11 @@ import torch
 import xarray as xr
 from jaxtyping import Float
 
-from bodyimage_kin import metrics
+from bodyimage_kin import _checks, metrics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
-from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
-from bodyimage_kin.estimators import LeastSquares, PaperMLP, RationalTrig
-from bodyimage_kin.estimators.base import Estimator, is_count
+from bodyimage_kin.errors import BodyImageKinError
+from bodyimage_kin.estimators import Estimator, LeastSquares, PaperMLP, RationalTrig
 from bodyimage_kin.published.foreknowledge.arms import CalibratedArm, PerturbedArms
 from bodyimage_kin.published.foreknowledge.conditions import Condition
 from bodyimage_kin.published.foreknowledge.evaluate import Combination
@@ -67,8 +66,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for field in ("seeds", "arms", "postures"):
-            if not is_count(getattr(self, field), 1):
-                raise InvalidConfig(f"{field}={getattr(self, field)!r}: give a whole number of at least 1")
+            _checks.whole(field, getattr(self, field), least=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +180,7 @@ def _measure(
     body: Embodiment, known: Known, true_q: Float[np.ndarray, "trial time p"]
 ) -> tuple[float, float, Float[np.ndarray, "postures"]]:
     """The error on the face, over the touch motion, and at each of its postures that predictors were asked of."""
-    metric = metrics.unit_metric("use", dq=np.diff(true_q, axis=1))
+    metric = metrics.motion_metric(np.diff(true_q, axis=1), "true")
     touching = torch.from_numpy(true_q.reshape(-1, body.p)[known.samples])
     face = body.touch_postures(np.arange(body.require_skin().count))
     pairs = [

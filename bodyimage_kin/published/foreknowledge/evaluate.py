@@ -16,8 +16,8 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Bool, Float
 
+from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
-from bodyimage_kin.metrics._inputs import as_floats
 from bodyimage_kin.study.statistics import Interval
 
 Errors: TypeAlias = Any
@@ -129,7 +129,7 @@ def leave_one_condition_out(
     Raises:
         InvalidArray: Shapes that do not fit together, or fewer than three conditions.
     """
-    y, x = as_floats(measured, "measured", ndim=2), as_floats(predicted, "predicted", ndim=3)
+    y, x = as_float_array(measured, "measured", ndim=2), as_float_array(predicted, "predicted", ndim=3)
     if x.shape[1:] != y.shape:
         raise InvalidArray(f"measured has shape {y.shape} but predicted {x.shape}; give (predictors, *{y.shape})")
     labels = np.arange(len(y)) if groups is None else np.asarray(groups)
@@ -182,10 +182,10 @@ def evaluate(
         InvalidArray: Shapes that differ, or fewer than three conditions.
         UnknownName: A combination of predictors that are not there.
     """
-    y = as_floats(measured, "measured", ndim=2)
+    y = as_float_array(measured, "measured", ndim=2)
     features = {}
     for name, values in predicted.items():
-        features[name] = as_floats(values, f"predicted of {name!r}", ndim=2)
+        features[name] = as_float_array(values, f"predicted of {name!r}", ndim=2)
         if features[name].shape != y.shape:
             raise InvalidArray(f"predicted of {name!r} has shape {features[name].shape} but measured {y.shape}")
     recipes = {name: Combination((name,), 0.0) for name in features} | dict(combinations or {})
@@ -213,8 +213,8 @@ def evaluate_by_posture(measured: Any, predicted: Any) -> PostureScore:
     Raises:
         InvalidArray: As in :func:`leave_one_condition_out`.
     """
-    y = as_floats(measured, "measured", ndim=3)
-    x = as_floats(predicted, "predicted", ndim=3)
+    y = as_float_array(measured, "measured", ndim=3)
+    x = as_float_array(predicted, "predicted", ndim=3)
     calibrated = leave_one_condition_out(y, x[None])
     if _silent(y, calibrated):
         return PostureScore(float("nan"), float("nan"))
@@ -233,7 +233,7 @@ def evaluate_by_posture(measured: Any, predicted: Any) -> PostureScore:
 
 
 def _pairs(measured: Any, predicted: Any) -> tuple[Float[np.ndarray, "pairs"], Float[np.ndarray, "pairs"]]:
-    y, x = as_floats(measured, "measured"), as_floats(predicted, "predicted")
+    y, x = as_float_array(measured, "measured"), as_float_array(predicted, "predicted")
     if y.shape != x.shape:
         raise InvalidArray(f"measured has shape {y.shape} but predicted {x.shape}; they must be the same")
     there: Bool[np.ndarray, "..."] = np.isfinite(y) & np.isfinite(x)

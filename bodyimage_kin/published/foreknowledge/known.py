@@ -18,10 +18,10 @@ import xarray as xr
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from bodyimage_kin import metrics
+from bodyimage_kin import _checks, metrics
 from bodyimage_kin._arrays import ArrayLike, as_postures
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture
-from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, is_count, require
+from bodyimage_kin.estimators import Estimator, LearnedJacobian
 from bodyimage_kin.recordings import experience
 
 
@@ -63,9 +63,10 @@ class Known:
             InvalidConfig: Not an estimator, or not a positive number of postures.
         """
         exp = experience(seen)
-        require(isinstance(estimator, Estimator), "estimator", estimator, "an estimator such as LeastSquares()")
-        require(is_count(most, 1), "most", most, "a positive whole number")
-        require(is_count(seed, 0), "seed", seed, "a whole number of at least 0")
+        if not isinstance(estimator, Estimator):
+            _checks.refuse("estimator", estimator, "an estimator such as LeastSquares()")
+        _checks.whole("most", most, least=1)
+        _checks.whole("seed", seed, least=0)
         q = as_postures(touch_q, exp.sizes["joint"], "touch_q").detach().to(torch.float64)
         if q.ndim < 2:
             raise InvalidPosture(f"touch_q has shape {tuple(q.shape)}; give (*trials, time, p), postures in order")
@@ -84,8 +85,8 @@ class Known:
 
     @cached_property
     def metric(self) -> Float[np.ndarray, "p p"]:
-        """The unit metric of the touch motion as it is felt [rad^2]."""
-        return metrics.unit_metric("use", dq=self.steps)
+        """The metric of the touch motion as it is felt [rad^2]."""
+        return metrics.motion_metric(self.steps)
 
     @cached_property
     def seen_postures(self) -> Float[np.ndarray, "samples p"]:

@@ -11,9 +11,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from bodyimage_kin import metrics
+from bodyimage_kin import _checks, metrics
 from bodyimage_kin.estimators import GaussianProcess
-from bodyimage_kin.estimators.base import is_count, require
 from bodyimage_kin.estimators.gaussian_process import ImageProcess
 from bodyimage_kin.metrics.probes import spread_root
 from bodyimage_kin.published.foreknowledge.known import Foresight, Known, PlausibleTruths, Predictor
@@ -35,7 +34,7 @@ class MeanPostureDistance(Predictor):
 
     def __post_init__(self) -> None:
         units = ("radian", "seen", "use")
-        require(self.unit in units, "unit", self.unit, " or ".join(map(repr, units)))
+        _checks.choice("unit", self.unit, units)
 
     def foresee(self, known: Known) -> Foresight:
         """See the class; no Jacobian is looked at."""
@@ -87,7 +86,7 @@ class GaussianProcessPosterior(PlausibleTruths):
 
     def __post_init__(self) -> None:
         self._process()
-        require(is_count(self.draws, 1), "draws", self.draws, "a positive whole number")
+        _checks.whole("draws", self.draws, least=1)
 
     def worlds(
         self, known: Known

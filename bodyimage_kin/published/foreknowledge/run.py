@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from bodyimage_kin import _checks
 from bodyimage_kin._files import write_text
 from bodyimage_kin.body.file import load_embodiment
-from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
-from bodyimage_kin.estimators.base import is_count
+from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.published.foreknowledge.cell import (
     COMBINATIONS,
     ESTIMATORS,
@@ -72,8 +72,8 @@ def run(
         InvalidConfig: Not a positive whole number of workers, or an executor or embodiment that cannot be used.
         OutputRefused: A store that cannot be written to, or a damaged file in it.
     """
-    if workers is not None and not is_count(workers, 1):
-        raise InvalidConfig(f"workers={workers!r}: give a whole number of at least 1")
+    if workers is not None:
+        _checks.whole("workers", workers, least=1)
     # A wrong name or file is told here, and not by every worker.
     body = load_embodiment(settings.embodiment, settings.backend)
     kept = Store(Path(store), settings, body.sha256) if store is not None else None

@@ -15,7 +15,7 @@ from bodyimage_kin.recordings.simulate import DragSettings
 
 PROBES = ("on_circle", "in_front", "on_face")
 """Posture sets that leave what was seen step by step: seen postures, taxels 3 cm off, taxels touched."""
-PARTS = ("depth", "mean_excited", "mean_unexcited", "variation")
+PARTS = ("scale", "mean_excited", "mean_unexcited", "variation")
 """What a squared Jacobian error is the sum of (:class:`bodyimage_kin.metrics.Attribution`)."""
 DIRECT = "direct"
 """The map learned from direct sight of the hand: no Jacobian in it."""

@@ -73,7 +73,7 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
         touch=touch,
         probes=probes,
         truth={probe: body.hand_image_jacobian(q).numpy() for probe, q in probes.items()},
-        excitation=metrics.excitation(_displacements(circle), _displacements(touch)),
+        excitation=metrics.excitation(circle, touch),
         true_map=body.hand_image(probes["on_face"]).numpy().reshape(*body.require_skin().shape, body.m),
         loop=_closed_loop(body),
         lesson=Lesson(
@@ -96,12 +96,6 @@ def probe_postures(body: Embodiment, circle: xr.Dataset) -> dict[str, Float[torc
     }
 
 
-def _displacements(recording: xr.Dataset) -> Float[np.ndarray, "steps p"]:
-    """Felt displacements of the joints in one sampling step."""
-    steps = np.diff(recording["q"].values, axis=1)
-    return steps.reshape(-1, steps.shape[-1])
-
-
 def depth_scale(scene: Scene) -> float:
     """How much farther the hand was on the circle than it is while touching: what a scaled rival is told."""
     with torch.no_grad():
@@ -119,9 +113,9 @@ def distances(scene: Scene) -> dict[str, np.ndarray]:
 
 
 def jacobian_change(scene: Scene) -> float:
-    """How much the mean true Jacobian changes from the circle to the face, in the unit metric of touching."""
+    """How much the mean true Jacobian changes from the circle to the face, in the metric of touching."""
     seen, touching = scene.truth["on_circle"].mean(0), scene.truth["on_face"].mean(0)
-    return metrics.pooled_relative_error(touching[None], seen[None], scene.excitation.metric)
+    return metrics.pooled_relative_error(touching[None], seen[None], scene.excitation.motion_metric)
 
 
 def _closed_loop(body: Embodiment) -> Float[torch.Tensor, "time p"]:

@@ -96,7 +96,7 @@ def score(scene: Scene, learned: LearnedJacobian, method: str = "euler") -> Scor
         drift = torch.linalg.vector_norm(_around(learned, scene.loop, method))
     integrated = integrate(experience(tour), learned, reset="none", initial=image[0], method=method).values[0]
     velocity, estimated_velocity = np.diff(image, axis=0), np.diff(integrated, axis=0)
-    W, P = scene.excitation.metric, scene.excitation.projector()
+    W, P = scene.excitation.motion_metric, scene.excitation.projector()
     parts = {probe: metrics.attribute(scene.truth[probe], estimated[probe], W, P) for probe in PROBES}
     return Scored(
         velocity_correlation=metrics.velocity_correlation(velocity, estimated_velocity),

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from bench import _frax
+from bench import frax_arm
 from bodyimage_kin.backends import kinematics
 from bodyimage_kin.backends.torch_backend import _LinkChain
 from bodyimage_kin.body.file import load_embodiment
@@ -123,7 +123,7 @@ def engines(arm: Arm) -> list[Engine]:
         mujoco = kinematics(arm.robot, "mujoco")
         found.append(Engine("MuJoCo", lambda q: mujoco.pose_and_jacobian(q, arm.link)))
     if _installed("frax"):
-        found.append(Engine("frax", *_frax.calls(arm.robot, arm.link), threads=True, fixed=True, most=100_000))
+        found.append(Engine("frax", *frax_arm.calls(arm.robot, arm.link), threads=True, fixed=True, most=100_000))
     return found
 
 

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bodyimage_kin._files import write_text
-
 _NOT_DRAWN = ("numba, out=", "Pinocchio, whole robot")
 _ORACLE = "Pinocchio, arm alone"
 COMMAND = "python comparisons/speed/run.py"
@@ -18,7 +16,7 @@ def write(result: Mapping[str, Any], folder: str | Path) -> Path:
     """Writes speed.json, speed.md, speed.svg and speed.png.
 
     Args:
-        result: What :func:`bodyimage_kin.bench.run` gave.
+        result: What :func:`bench.run` gave.
         folder: Where to; made if missing, earlier files of these names are replaced.
 
     Returns:
@@ -26,9 +24,9 @@ def write(result: Mapping[str, Any], folder: str | Path) -> Path:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / "speed.json", json.dumps(result, indent=1) + "\n")
+    (folder / "speed.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     _plot(result, folder)
-    write_text(folder / "speed.md", markdown(result))
+    (folder / "speed.md").write_text(markdown(result), encoding="utf-8")
     return folder / "speed.md"
 
 

@@ -56,7 +56,7 @@ def with_inertia(urdf: str) -> str:
 
 
 def calls(robot: Robot, link: str) -> tuple[Callable[[Tensor], Outputs], Callable[[Tensor], Outputs]]:
-    """Forward and backward of an :class:`~bodyimage_kin.bench.engines.Engine`, by frax's Jacobian of an end effector.
+    """Forward and backward of an :class:`~bench.engines.Engine`, by frax's Jacobian of an end effector.
 
     Float64 is switched on for these calls alone; tensors are handed over without copies.
 
