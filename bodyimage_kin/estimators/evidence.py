@@ -6,13 +6,15 @@ derivative of what is left in all parameters, in closed form.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from bodyimage_kin.body.cameras import CameraModel
+from bodyimage_kin.body import Tracker
+from bodyimage_kin.estimators.intrinsics import Intrinsics
 from bodyimage_kin.estimators.parametric import Frame, ParametricBody
 
 __all__ = ["Images", "Planes", "Points", "Touches"]
@@ -33,6 +35,7 @@ class _Evidence:
         q: (count, p) felt postures [rad or m].
         offset: (count, 3) the observed point in the hand's frame [m].
         sigma: Standard deviation of the noise in each coordinate [unit of what is observed]; None: unknown.
+        point: Name of the mount whose point is observed.
     """
 
     name: str
@@ -40,11 +43,21 @@ class _Evidence:
     q: Float[np.ndarray, "count p"]
     offset: Float[np.ndarray, "count 3"]
     sigma: float | None
+    point: str
 
-    def _hand(self, theta: Float[np.ndarray, "parameters"]) -> tuple[dict[str, Frame], np.ndarray, np.ndarray]:
-        """Frames, and the observed point in the root with its derivative."""
+    def hand(self, theta: Float[np.ndarray, "parameters"]) -> tuple[dict[str, Frame], np.ndarray, np.ndarray]:
+        """Frames, and the observed point in the root [m] with its derivative."""
         frames = self.body.frames(self.q, theta)
-        return frames, *frames["hand"].point(self.offset)
+        return frames, *frames[self.point].point(self.offset)
+
+    def taken(self, rows: Bool[np.ndarray, "count"]) -> Self:
+        """The same evidence with some of its rows."""
+        values = {
+            field.name: getattr(self, field.name)[rows]
+            for field in fields(self)
+            if field.name in ("q", "offset", "image", "observed", "target")
+        }
+        return replace(self, **values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,28 +66,37 @@ class Images(_Evidence):
 
     Attributes:
         camera: Name of the camera's mount.
-        model: How it projects.
-        image: (count, m) what it reported [its unit].
+        intrinsics: How it projects.
+        first: Index of the first parameter of these, if they have any.
+        image: (count, m) what it reported [its unit]; NaN in what was not seen.
     """
 
     camera: str
-    model: CameraModel
+    intrinsics: Intrinsics
+    first: int
     image: Float[np.ndarray, "count m"]
 
     @property
     def size(self) -> float:
         """Spread of the images [their unit]."""
-        return float(self.image.std(axis=0).max())
+        return float(np.nanstd(self.image, axis=0).max())
 
     def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
         """Predicted less seen. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
-        frames, place, slope = self._hand(theta)
+        frames, place, slope = self.hand(theta)
         point, moved = frames[self.camera].seen(place, slope)
-        if self.model.unit != "m" or self.model.m != 3:
+        values = theta[self.first : self.first + len(self.intrinsics.parameters)]
+        model = self.intrinsics.at(values)
+        if not isinstance(model, Tracker):
+            # What a fit puts behind the camera on its way is brought before it.
             point[:, 2] = np.maximum(point[:, 2], _NEAREST)
         seen = torch.from_numpy(point)
-        projected, derivative = self.model.project(seen).numpy(), self.model.derivative(seen).numpy()
-        return projected - self.image, derivative @ moved
+        left, derivative = model.project(seen).numpy() - self.image, model.derivative(seen).numpy() @ moved
+        if len(values):
+            derivative[:, :, self.first : self.first + len(values)] += self.intrinsics.slope(model, point)
+        unseen = np.isnan(left)
+        left[unseen], derivative[unseen] = 0.0, 0.0
+        return left, derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,22 +105,22 @@ class Points(_Evidence):
 
     Attributes:
         tracker: Name of the tracker's mount.
-        point: (count, 3) what it reported [m].
+        observed: (count, 3) what it reported [m].
     """
 
     tracker: str
-    point: Float[np.ndarray, "count 3"]
+    observed: Float[np.ndarray, "count 3"]
 
     @property
     def size(self) -> float:
         """Spread of the points [m]."""
-        return float(self.point.std(axis=0).max())
+        return float(self.observed.std(axis=0).max())
 
     def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
         """Predicted less measured [m]. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
-        frames, place, slope = self._hand(theta)
+        frames, place, slope = self.hand(theta)
         point, moved = frames[self.tracker].seen(place, slope)
-        return point - self.point, moved
+        return point - self.observed, moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +142,7 @@ class Touches(_Evidence):
 
     def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
         """Hand less touched place, in the skin's frame [m]. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
-        frames, place, slope = self._hand(theta)
+        frames, place, slope = self.hand(theta)
         point, moved = frames[self.skin].seen(place, slope)
         return point - self.target, moved
 
@@ -149,7 +171,7 @@ class Planes(_Evidence):
 
     def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
         """Distance from the plane [m]. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
-        _, place, slope = self._hand(theta)
+        _, place, slope = self.hand(theta)
         first, second = _across(self.normal)
         a, b, shift = theta[self.plane : self.plane + 3]
         raw = self.normal + a * first + b * second

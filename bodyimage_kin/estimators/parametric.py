@@ -13,7 +13,7 @@ Jacobian of the exponential included (Sola, Deray and Atchuthan 2018, equation 1
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -21,7 +21,6 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from bodyimage_kin.body import Embodiment
 from bodyimage_kin.robot import Robot, transforms
 from bodyimage_kin.robot.tree import Joint
 
@@ -40,11 +39,13 @@ class Parameter:
         name: In words: of what, and which number of it.
         group: Its kind.
         unit: ``"rad"``, ``"m"``, ``"px"`` or ``"1"``.
+        size: What a relative prior is of [unit].
     """
 
     name: str
     group: Group
     unit: str
+    size: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,19 +97,21 @@ class Frame:
 
 
 class ParametricBody:
-    """The felt part of a body, with parameters.
+    """A robot that moves by some of its joints, with parameters.
 
     Args:
-        body: As it is thought to be.
+        felt: A robot that these joints alone move.
+        names: Its joints, in the order of postures.
         mounts: What is fixed on its links and may be off.
         others: Parameters that move no frame, such as intrinsics of a camera.
     """
 
-    def __init__(self, body: Embodiment, mounts: Iterable[Mount], others: Sequence[Parameter] = ()) -> None:
-        self.body = body
+    def __init__(
+        self, felt: Robot, names: Sequence[str], mounts: Iterable[Mount], others: Sequence[Parameter] = ()
+    ) -> None:
         self.mounts = tuple(mounts)
         self.others = tuple(others)
-        robot = body.felt_robot.unfolded
+        robot = felt.unfolded
         self._paths = {mount.link: robot.path(mount.link) for mount in self.mounts}
         on_the_way = {joint.name for path in self._paths.values() for joint in path}
         self.joints = tuple(j for j in robot.tree.joints if j.kind != "fixed" and j.name in on_the_way)
@@ -116,9 +119,10 @@ class ParametricBody:
         self._first |= {
             f"mount {mount.name}": 6 * (len(self.joints) + index) for index, mount in enumerate(self.mounts)
         }
-        matrix, constant = body.felt_robot.folding
+        matrix, constant = felt.folding
         rows = [robot.joint_index(joint.name) for joint in self.joints]
-        self._matrix, self._constant = matrix[rows].numpy(), constant[rows].numpy()
+        columns = [felt.joint_index(name) for name in names]
+        self._matrix, self._constant = matrix[rows][:, columns].numpy(), constant[rows].numpy()
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -258,23 +262,6 @@ class _Reached:
             turned[:, :, one.first + 3 : one.first + 6] = one.turns
             moved[:, :, one.first + 3 : one.first + 6] = _crossed(one.turns, away)
         return Frame(self.rotation, self.position, turned, moved)
-
-
-def with_origins(robot: Robot, origins: Mapping[str, Float[np.ndarray, "4 4"]]) -> Robot:
-    """The robot with other joint origins."""
-    joints = [
-        replace(
-            joint,
-            xyz=tuple(float(value) for value in origins[joint.name][:3, 3]),
-            rpy=transforms.matrix_rpy(origins[joint.name][:3, :3]),
-        )
-        if joint.name in origins
-        else joint
-        for joint in robot.tree.joints
-    ]
-    from bodyimage_kin.robot.tree import write_core
-
-    return Robot.from_urdf(write_core(replace(robot.tree, joints=tuple(joints))))
 
 
 def _origin(joint: Joint) -> Float[np.ndarray, "4 4"]:
