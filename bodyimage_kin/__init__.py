@@ -27,10 +27,13 @@ if TYPE_CHECKING:
     from bodyimage_kin.errors import BodyImageKinError as BodyImageKinError
     from bodyimage_kin.estimators import load_learned as load_learned
     from bodyimage_kin.metrics import probes as probes
+    from bodyimage_kin.recordings import Drag as Drag
+    from bodyimage_kin.recordings import Noise as Noise
     from bodyimage_kin.recordings import experience as experience
+    from bodyimage_kin.recordings import motions as motions
     from bodyimage_kin.recordings import read_recording as read_recording
-    from bodyimage_kin.recordings import simulate as simulate
     from bodyimage_kin.recordings import write_recording as write_recording
+    from bodyimage_kin.recordings.simulation import simulate as simulate
     from bodyimage_kin.robot import Robot as Robot
     from bodyimage_kin.study import Study as Study
 
@@ -38,8 +41,10 @@ if TYPE_CHECKING:
 _EXPORTS = {
     "BodyImage": "bodyimage_kin.body_image",
     "BodyImageKinError": "bodyimage_kin.errors",
+    "Drag": "bodyimage_kin.recordings",
     "Embodiment": "bodyimage_kin.body.embodiment",
     "Kinematics": "bodyimage_kin.backends",
+    "Noise": "bodyimage_kin.recordings",
     "Robot": "bodyimage_kin.robot",
     "RobotKinematics": "bodyimage_kin.backends",
     "Study": "bodyimage_kin.study",
@@ -50,6 +55,7 @@ _EXPORTS = {
     "load_embodiment": "bodyimage_kin.body.file",
     "load_learned": "bodyimage_kin.estimators",
     "read_recording": "bodyimage_kin.recordings",
+    "simulate": "bodyimage_kin.recordings",
     "write_recording": "bodyimage_kin.recordings",
 }
 # Public modules. ``backends`` is one that can be called: ``bk.backends()`` lists them.
@@ -58,9 +64,9 @@ _MODULES = {
     "errors": "bodyimage_kin.errors",
     "estimators": "bodyimage_kin.estimators",
     "metrics": "bodyimage_kin.metrics",
+    "motions": "bodyimage_kin.recordings.motions",
     "probes": "bodyimage_kin.metrics.probes",
     "report": "bodyimage_kin.report",
-    "simulate": "bodyimage_kin.recordings.simulate",
 }
 
 __all__ = ["__version__", *sorted({*_EXPORTS, *_MODULES})]

@@ -17,6 +17,9 @@ from bodyimage_kin.errors import BodyImageKinError, InvalidArray, InvalidPosture
 ArrayLike: TypeAlias = Any
 """A tensor, a numpy array, an xarray DataArray or (nested) lists of numbers; checked at run time by our own errors."""
 
+Floats: TypeAlias = Float[np.ndarray, "..."]
+"""A float64 numpy array of any shape."""
+
 _REMEDY = "give numbers: a tensor, an array or a list"
 
 
@@ -79,6 +82,26 @@ def as_float_array(
     if shapes and array.shape not in shapes:
         raise error(f"{what} has shape {array.shape}; give {' or '.join(map(str, shapes))}")
     return array
+
+
+def as_pair(
+    first: ArrayLike, second: ArrayLike, names: tuple[str, str], *, ndim: int = 0
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    """Two float64 numpy arrays of one shape.
+
+    Args:
+        first: As of :func:`as_float_array`.
+        second: Likewise.
+        names: Theirs, in an error.
+        ndim: Least number of axes; none of the last ``ndim`` may be empty.
+
+    Raises:
+        InvalidArray: One of them is no such array, or their shapes differ.
+    """
+    one, other = as_float_array(first, names[0], ndim=ndim), as_float_array(second, names[1], ndim=ndim)
+    if one.shape != other.shape:
+        raise InvalidArray(f"{names[0]} has shape {one.shape} but {names[1]} {other.shape}; they must be the same")
+    return one, other
 
 
 def as_postures(q: ArrayLike, n: int, what: str = "posture q") -> torch.Tensor:

@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import jaxtyping
 import pytest
 import torch
 from hypothesis import settings
@@ -34,6 +35,12 @@ def real_data():
     return Path(folder).absolute()
 
 
+@pytest.fixture
+def unchecked(monkeypatch):
+    """What a user meets who gives the wrong type: our own errors, without the tests' checks of types before them."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+
+
 @pytest.fixture(scope="session")
 def body():
     return bk.load_embodiment("infant")
@@ -41,14 +48,14 @@ def body():
 
 @pytest.fixture(scope="session")
 def circle(body):
-    return bk.simulate.circle(body, dynamics=False, turns=1.0, seed=1)
+    return bk.simulate(body, bk.motions.Circle(turns=1.0), seed=1, dynamics=False)
 
 
 @pytest.fixture(scope="session")
 def tour(body):
-    return bk.simulate.face_tour(body, dynamics=False, seed=1)
+    return bk.simulate(body, bk.motions.FaceTour(), seed=1, dynamics=False)
 
 
 @pytest.fixture(scope="session")
 def touch(body):
-    return bk.simulate.random_touch(body, dynamics=False, duration=30.0, seed=1)
+    return bk.simulate(body, bk.motions.RandomTouch(duration=30.0), seed=1, dynamics=False)

@@ -10,16 +10,16 @@ import pytest
 import bodyimage_kin as bk
 
 NAMES = (
-    "BodyImage", "Embodiment", "Kinematics", "Robot", "backends", "embodiments", "errors", "estimators", "experience",
-    "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "probes", "read_recording", "report",
-    "simulate", "write_recording",
+    "BodyImage", "Drag", "Embodiment", "Kinematics", "Noise", "Robot", "backends", "embodiments", "errors",
+    "estimators", "experience", "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "motions",
+    "probes", "read_recording", "report", "simulate", "write_recording",
 )  # fmt: skip
 METHODS = {
     "Robot": "from_urdf name root link_names joint_names lower upper sample subtree to_urdf sha256",
     "RobotKinematics": "pose jacobian pose_and_jacobian hessian",
     "Embodiment": "robot joints hand camera skin home visible"
     "  touch_postures full_posture hand_image hand_image_jacobian",
-    "simulate": "circle face_tour random_touch",
+    "motions": "Circle FaceTour Motion Path RandomTouch",
     "BodyImage": "learn",
     "metrics": "jacobian_errors attribute excitation motion_metric depth_ratio",
     "probes": "Probe Training Face JointSpace",

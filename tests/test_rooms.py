@@ -22,8 +22,6 @@ ROOMS = (
 """From left to right: nothing imports anything to its right. ``testing`` stands beside ``backends``."""
 BESIDE = {"testing": "backends"}
 EXCEPTIONS = {
-    ("metrics.probes", "study.specs"),
-    ("published.foreknowledge.evaluate", "metrics._inputs"),
     ("published.foreknowledge.arms", "estimators._chain"),
 }
 """(module, what it imports or reaches into), both without the package's name."""
@@ -168,8 +166,8 @@ def test_imports_go_one_way_and_into_no_private_room() -> None:
         ("_named", "import bodyimage_kin.robot.tree as tree", "to its right"),
         ("study.cells", "from bodyimage_kin.testing import oracle", "to its right"),
         ("testing.laws", "from bodyimage_kin.body import Embodiment", "to its right"),
-        ("study.cells", "from bodyimage_kin.metrics._inputs import as_floats", "private"),
-        ("study.cells", "from bodyimage_kin.metrics import _inputs", "private"),
+        ("study.cells", "from bodyimage_kin.metrics._postures import chunks", "private"),
+        ("study.cells", "from bodyimage_kin.metrics import _postures", "private"),
         ("study.cells", "from bodyimage_kin.metrics.probes import _face", "private"),
         ("study.cells", "from bodyimage_kin.metrics import probes\nprobes._face(1)", "private"),
         ("study.cells", "import bodyimage_kin.metrics.probes\nbodyimage_kin.metrics.probes._face", "private"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bodyimage_kin.estimators import nulls
-from bodyimage_kin.estimators._samples import Pairs, pairs
+from bodyimage_kin.estimators._samples import Pairs, edges, pairs
 from bodyimage_kin.estimators.analytic import Analytic
 from bodyimage_kin.estimators.base import Estimator, Learned, LearnedImage, LearnedJacobian, load_learned
 from bodyimage_kin.estimators.ensemble import Ensemble, EnsembleJacobian
@@ -61,6 +61,7 @@ __all__ = [
     "TrigProcess",
     "TrigRidge",
     "WeightedJacobian",
+    "edges",
     "load_learned",
     "names",
     "nulls",

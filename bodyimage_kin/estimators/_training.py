@@ -1,4 +1,4 @@
-"""Training of small networks: several at once, full batch, early stopping on held-out arcs, deterministic.
+"""Training of small networks: several at once, full batch, early stopping on what is held out, deterministic.
 
 Networks are trained side by side along a leading axis ``models``. Nothing passes from one to another: each has its own
 data, first weights and best weights. What one learns depends on the others in its last bits at most: how a matrix
@@ -17,11 +17,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from bodyimage_kin import _checks
-from bodyimage_kin.estimators._samples import arcs
 
 Layers = Sequence[Tensor]
 """Weights and biases in turn: (*models, out, in), (*models, out), ..."""
-_ARCS = 10
 _FIRST, _SECOND, _TINY = 0.9, 0.999, 1e-8
 
 
@@ -34,7 +32,8 @@ class Training:
         learning_rate: Of Adam, on scaled inputs and outputs; it falls to zero along a half cosine.
         steps: Number of steps.
         weight_decay: Rate at which weights shrink, times the learning rate.
-        held_out: Share of the arcs of the experience that is held out; the weights that do best on it are kept.
+        held_out: Share of the experience that is held out, in arcs, blocks or clusters; the weights that do best on it
+            are kept.
             0: nothing is held out, and the last weights are kept.
     """
 
@@ -91,18 +90,10 @@ def slope(layers: Layers, x: Float[Tensor, "*rows inputs"], first: int = 0) -> F
     return derivative
 
 
-def held_out_arcs(count: int, share: float) -> Bool[Tensor, "count"]:
-    """Which samples are held out: arcs spread evenly over the experience."""
-    arc = arcs(count, _ARCS)
-    wanted = round(share * _ARCS) if count >= _ARCS else 0
-    chosen = ((torch.arange(wanted) + 0.5) * _ARCS / max(wanted, 1)).long()
-    return torch.isin(arc, chosen)
-
-
 def train(
     layers: list[Tensor],
     error: Callable[[Layers], Float[Tensor, "models count"]],
-    count: int,
+    held: Bool[Tensor, "count"],
     settings: Training,
 ) -> list[Tensor]:
     """The weights of each network that did best on its held-out samples.
@@ -110,10 +101,9 @@ def train(
     Args:
         layers: First weights, with the axis of models.
         error: Squared errors of all samples, from weights.
-        count: Number of samples.
+        held: Which samples are held out.
         settings: Of the training.
     """
-    held = held_out_arcs(count, settings.held_out)
     learn = ~held
     layers = [layer.clone().requires_grad_() for layer in layers]
     first = [torch.zeros_like(layer) for layer in layers]

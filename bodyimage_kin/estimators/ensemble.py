@@ -13,6 +13,7 @@ from torch import Tensor
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.errors import InvalidArray
+from bodyimage_kin.estimators._samples import fold_of_each, is_scattered
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 
 _ARCS = 10
@@ -99,7 +100,8 @@ class Ensemble(Estimator):
     Attributes:
         spec: The estimator that each member is learned by.
         members: How many, at least 2.
-        missing: Share of the experience's arcs that each member does not see, others for each (a jackknife).
+        missing: Share of the experience that each member does not see, others for each (a jackknife): arcs of each
+            trial, or blocks, or clusters of scattered postures.
     """
 
     spec: Estimator
@@ -126,6 +128,11 @@ class Ensemble(Estimator):
         if hidden == 0:
             return exp
         image = exp["hand_image"].copy()
+        if is_scattered(exp) or "block" in exp:
+            fold = fold_of_each(exp, _ARCS)
+            folds = int(fold.max()) + 1
+            gone = rng.choice(folds, min(round(self.missing * folds), folds - 1), replace=False)
+            return exp.assign(hand_image=image.where(xr.DataArray(~np.isin(fold, gone), dims=("trial", "time"))))
         arc = np.arange(image.sizes["time"]) * _ARCS // image.sizes["time"]
         for trial in range(image.sizes["trial"]):
             image.values[trial, np.isin(arc, rng.choice(_ARCS, hidden, replace=False))] = np.nan

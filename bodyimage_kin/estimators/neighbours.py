@@ -15,7 +15,8 @@ from torch import Tensor
 from bodyimage_kin import _checks
 from bodyimage_kin.errors import InvalidPosture
 from bodyimage_kin.estimators._field import JacobianField
-from bodyimage_kin.estimators._samples import Pairs, choose, pairs
+from bodyimage_kin.estimators._hold_out import choose
+from bodyimage_kin.estimators._samples import Pairs, pairs
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.ridge import ridge
 
@@ -148,9 +149,9 @@ class LocallyWeighted(Estimator):
     """Locally weighted regression (Atkeson, Moore and Schaal 1997), the weights Gaussian in posture.
 
     Attributes:
-        bandwidth: Standard deviation of the weights [rad]; None: the best of twelve on held-out arcs.
+        bandwidth: Standard deviation of the weights [rad]; None: the best of twelve on what is held out.
         penalty: As in :class:`NearestNeighbours`.
-        folds: Number of arcs of the experience, each held out once to choose the bandwidth.
+        folds: Number of parts of the experience, each held out once to choose the bandwidth.
     """
 
     bandwidth: float | None = None
@@ -171,15 +172,10 @@ class LocallyWeighted(Estimator):
             spread = float((data.q - data.q.mean(0)).pow(2).sum(1).mean().sqrt())
             candidates = [spread * 2.0**power for power in np.arange(-4.0, 2.0, 0.5)]
 
-            def errors(learn: Tensor, predict: Tensor) -> Tensor:
-                local = _remember(data.only(learn), self.penalty)
-                fitted = [WeightedJacobian(*local, width) for width in candidates]
-                return torch.stack(
-                    [
-                        ((one._displacement(data.q[predict], data.dq[predict]) - data.dr[predict]) ** 2).sum()
-                        for one in fitted
-                    ]
-                )
+            def errors(learn: Pairs, predict: Pairs) -> Tensor:
+                fitted = [WeightedJacobian(*_remember(learn, self.penalty), width) for width in candidates]
+                wrong = [one._displacement(predict.q, predict.dq) - predict.dr for one in fitted]
+                return torch.stack([(one**2).sum() for one in wrong])
 
-            bandwidth = candidates[choose(errors, len(data.q), self.folds)]
+            bandwidth = candidates[choose(errors, data.folds(self.folds))]
         return WeightedJacobian(*_remember(data, self.penalty), bandwidth, unit=data.unit)

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.estimators._field import ImageModel, JacobianField
-from bodyimage_kin.estimators._samples import pairs, samples
+from bodyimage_kin.estimators._samples import Mask, pairs, samples
 from bodyimage_kin.estimators._training import Layers, Training, evaluate, first_layers, slope, train
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many
 
@@ -114,6 +114,29 @@ class NetworkImage(_Network, ImageModel):
         return slope(self.layers, q)
 
 
+@dataclass(frozen=True, eq=False)
+class _Lesson:
+    """What networks of one kind are trained on.
+
+    Attributes:
+        x: (*models, count, inputs).
+        y: (*models, count, m).
+        held: (count,) which are held out.
+        unit: Of the hand image.
+    """
+
+    x: Tensor
+    y: Tensor
+    held: Mask
+    unit: str = ""
+
+    @classmethod
+    def of_displacements(cls, exp: xr.Dataset, share: float) -> _Lesson:
+        """Postures and displacements of the joints in, displacements of the hand image out."""
+        data, held = pairs(exp).held_out(share)
+        return cls(torch.cat([data.q, data.dq], 1), data.dr, held, data.unit)
+
+
 class _NetworkEstimator(Training, Estimator):
     """Learns from experiences of one length side by side."""
 
@@ -126,50 +149,55 @@ class _NetworkEstimator(Training, Estimator):
         check_many(experiences, seeds)
         data = [self._data(exp) for exp in experiences]
         learned: dict[int, LearnedJacobian] = {}
-        shapes = [(x.shape, y.shape) for x, y, _ in data]
-        for shape in set(shapes):
+        shapes = [(one.x.shape, one.y.shape, tuple(one.held.tolist())) for one in data]
+        for shape in dict.fromkeys(shapes):
             alike = [index for index, other in enumerate(shapes) if other == shape]
-            x, y = torch.stack([data[index][0] for index in alike]), torch.stack([data[index][1] for index in alike])
-            learned |= zip(alike, self._learn(x, y, [seeds[index] for index in alike]), strict=True)
-        return [replace(learned[index], unit=unit) for index, (_, _, unit) in enumerate(data)]
+            together = _Lesson(
+                torch.stack([data[index].x for index in alike]),
+                torch.stack([data[index].y for index in alike]),
+                data[alike[0]].held,
+            )
+            learned |= zip(alike, self._learn(together, [seeds[index] for index in alike]), strict=True)
+        return [replace(learned[index], unit=one.unit) for index, one in enumerate(data)]
 
     @abc.abstractmethod
-    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor, str]:
-        """Inputs (count, inputs) and outputs (count, m) of one experience, and the unit of the hand image."""
+    def _data(self, exp: xr.Dataset) -> _Lesson:
+        """What one experience teaches."""
 
     @abc.abstractmethod
-    def _learn(self, x: Tensor, y: Tensor, seeds: Sequence[int]) -> Sequence[LearnedJacobian]:
-        """Learned Jacobians from inputs (models, count, inputs) and outputs (models, count, m)."""
+    def _learn(self, lesson: _Lesson, seeds: Sequence[int]) -> Sequence[LearnedJacobian]:
+        """Learned Jacobians from inputs and outputs with a leading axis of models."""
 
     def _train(
         self,
         outputs: int,
         x: Float[Tensor, "models count inputs"],
         target: Float[Tensor, "models count m"],
+        held: Mask,
         seeds: Sequence[int],
         read: Callable[[Tensor], Tensor] = lambda prediction: prediction,
     ) -> list[Tensor]:
         def error(layers: Layers) -> Float[Tensor, "models count"]:
             return ((read(evaluate(layers, x)) - target) ** 2).sum(-1)
 
-        return train(first_layers([x.shape[-1], *self.hidden, outputs], seeds), error, x.shape[1], self)
+        return train(first_layers([x.shape[-1], *self.hidden, outputs], seeds), error, held, self)
 
 
 @dataclass(frozen=True)
 class PostureMLP(_NetworkEstimator):
     """The paper's network with the posture as further input, f(q, dq). Its settings are those of :class:`Training`."""
 
-    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor, str]:
-        data = pairs(exp)
-        return torch.cat([data.q, data.dq], 1), data.dr, data.unit
+    def _data(self, exp: xr.Dataset) -> _Lesson:
+        return _Lesson.of_displacements(exp, self.held_out)
 
-    def _learn(self, x: Tensor, y: Tensor, seeds: Sequence[int]) -> Sequence[PostureDisplacement]:
+    def _learn(self, lesson: _Lesson, seeds: Sequence[int]) -> Sequence[PostureDisplacement]:
+        x, y = lesson.x, lesson.y
         p = x.shape[-1] // 2
         centre, q_spread = _centre_and_spread(x[..., :p])
         dq_spread, dr_spread = _root_mean_square(x[..., p:]), _each_root_mean_square(y)
         shift = torch.cat([centre, torch.zeros_like(centre)], -1)
         scale = torch.cat([q_spread.expand_as(centre), dq_spread.expand_as(centre)], -1)
-        layers = self._train(y.shape[-1], (x - shift) / scale, y / dr_spread, seeds)
+        layers = self._train(y.shape[-1], (x - shift) / scale, y / dr_spread, lesson.held, seeds)
         _in_units(layers, shift, scale, dr_spread)
         return [PostureDisplacement(_one(layers, index)) for index in range(len(seeds))]
 
@@ -178,11 +206,11 @@ class PostureMLP(_NetworkEstimator):
 class JacobianNetwork(_NetworkEstimator):
     """A network that gives the matrix J(q), taught through J(q) dq. Its settings are those of :class:`Training`."""
 
-    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor, str]:
-        data = pairs(exp)
-        return torch.cat([data.q, data.dq], 1), data.dr, data.unit
+    def _data(self, exp: xr.Dataset) -> _Lesson:
+        return _Lesson.of_displacements(exp, self.held_out)
 
-    def _learn(self, x: Tensor, y: Tensor, seeds: Sequence[int]) -> Sequence[NetworkJacobian]:
+    def _learn(self, lesson: _Lesson, seeds: Sequence[int]) -> Sequence[NetworkJacobian]:
+        x, y = lesson.x, lesson.y
         p, m = x.shape[-1] // 2, y.shape[-1]
         q, dq = x[..., :p], x[..., p:]
         centre, q_spread = _centre_and_spread(q)
@@ -192,7 +220,7 @@ class JacobianNetwork(_NetworkEstimator):
         def through(prediction: Tensor) -> Tensor:
             return (prediction.reshape(*prediction.shape[:-1], m, p) * moved).sum(-1)
 
-        layers = self._train(m * p, (q - centre) / q_spread, y / dr_spread, seeds, through)
+        layers = self._train(m * p, (q - centre) / q_spread, y / dr_spread, lesson.held, seeds, through)
         entries = (dr_spread / dq_spread).repeat_interleave(p, -1)
         _in_units(layers, centre, q_spread.expand_as(centre), entries)
         return [NetworkJacobian(_one(layers, index)) for index in range(len(seeds))]
@@ -204,15 +232,16 @@ class ForwardNetwork(_NetworkEstimator):
 
     hidden: tuple[int, ...] = (32,)
 
-    def _data(self, exp: xr.Dataset) -> tuple[Tensor, Tensor, str]:
+    def _data(self, exp: xr.Dataset) -> _Lesson:
         data = samples(exp)
-        return data.q, data.image, data.unit
+        return _Lesson(data.q, data.image, data.held_out(self.held_out), data.unit)
 
-    def _learn(self, x: Tensor, y: Tensor, seeds: Sequence[int]) -> Sequence[NetworkImage]:
+    def _learn(self, lesson: _Lesson, seeds: Sequence[int]) -> Sequence[NetworkImage]:
+        x, y = lesson.x, lesson.y
         centre, spread = _centre_and_spread(x)
         mean = y.mean(1, keepdim=True)
         image_spread = _each_root_mean_square(y - mean)
-        layers = self._train(y.shape[-1], (x - centre) / spread, (y - mean) / image_spread, seeds)
+        layers = self._train(y.shape[-1], (x - centre) / spread, (y - mean) / image_spread, lesson.held, seeds)
         _in_units(layers, centre, spread.expand_as(centre), image_spread)
         layers[-1] = layers[-1] + mean[:, 0]
         return [NetworkImage(_one(layers, index)) for index in range(len(seeds))]

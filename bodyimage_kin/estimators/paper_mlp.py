@@ -17,7 +17,7 @@ from torch import Tensor
 
 from bodyimage_kin import _checks
 from bodyimage_kin._compiled import in_threads
-from bodyimage_kin.estimators._samples import pairs
+from bodyimage_kin.estimators._samples import pairs, refuse_scattered
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many
 
 
@@ -89,12 +89,12 @@ class PaperMLP(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> DisplacementNetwork:
         """Learns from an experience; the seed draws the first weights. See :meth:`Estimator.fit`."""
-        return self._train([_Scaled.of(exp)], [seed])[0]
+        return self._train([self._data(exp)], [seed])[0]
 
     def fit_many(self, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[LearnedJacobian]:
         """Learns from several experiences side by side. See :meth:`Estimator.fit_many`."""
         check_many(experiences, seeds)
-        data = [_Scaled.of(exp) for exp in experiences]
+        data = [self._data(exp) for exp in experiences]
         # Of one length: filling up the shorter ones would change how their sums are rounded.
         alike: dict[tuple[int, ...], list[int]] = {}
         for index, one in enumerate(data):
@@ -104,6 +104,11 @@ class PaperMLP(Estimator):
             networks = self._train([data[index] for index in chosen], [seeds[index] for index in chosen])
             learned |= zip(chosen, networks, strict=True)
         return [learned[index] for index in range(len(data))]
+
+    def _data(self, exp: xr.Dataset) -> _Scaled:
+        if self.online:
+            refuse_scattered(exp, "PaperMLP(online=True)", "give online=False")
+        return _Scaled.of(exp)
 
     def _train(self, data: Sequence[_Scaled], seeds: Sequence[int]) -> list[DisplacementNetwork]:
         """Networks of one size, each from its own data."""

@@ -18,7 +18,8 @@ from torch import Tensor
 
 from bodyimage_kin import _checks
 from bodyimage_kin.estimators._field import ImageModel
-from bodyimage_kin.estimators._samples import choose, samples
+from bodyimage_kin.estimators._hold_out import choose
+from bodyimage_kin.estimators._samples import samples
 from bodyimage_kin.estimators._trigonometric import TrigBasis
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.trig_ridge import check_trigonometric
@@ -78,9 +79,9 @@ class RationalTrig(Estimator):
     Attributes:
         degree: Most joints in a product; None: all of them, the exact form (3^p functions; give 3 for long arms).
         penalty: Of squared coefficients against the mean squared error in units of the images' variance; None: the
-            best of 23 on held-out arcs.
+            best of 23 on what is held out.
         roughness: How many times more a function is penalised for each further order in the joints.
-        folds: Number of arcs of the experience, each held out once to choose the penalty.
+        folds: Number of parts of the experience, each held out once to choose the penalty.
         iterations: Number of reweightings at each penalty.
     """
 
@@ -107,7 +108,7 @@ class RationalTrig(Estimator):
         mean, unit = data.image.mean(0), data.image.std(correction=0).clamp(min=1e-12)
         Y = (data.image - mean) / unit
         if self.penalty is None:
-            best = choose(lambda learn, predict: self._errors(X, Y, learn, predict), len(X), self.folds)
+            best = choose(lambda learn, predict: self._errors(X, Y, learn, predict), data.folds(self.folds))
             penalties = _PENALTIES[: best + 1]
         else:
             stiffer = [float(penalty) for penalty in _PENALTIES if float(penalty) > self.penalty]

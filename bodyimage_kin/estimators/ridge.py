@@ -10,7 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from bodyimage_kin import _checks
-from bodyimage_kin.estimators._samples import choose, pairs
+from bodyimage_kin.estimators._hold_out import choose
+from bodyimage_kin.estimators._samples import Pairs, pairs
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.least_squares import ConstantJacobian
 
@@ -27,25 +28,14 @@ def ridge(
     return V.T @ (filters[..., None] * (U.T @ Y))
 
 
-def ridge_penalty(
-    X: Float[Tensor, "count k"], Y: Float[Tensor, "count m"], penalties: Float[Tensor, "candidates"], folds: int
-) -> float:
-    """The penalty with the smallest error on held-out arcs."""
-
-    def errors(learn: Tensor, predict: Tensor) -> Tensor:
-        return ((X[predict] @ ridge(X[learn], Y[learn], penalties) - Y[predict]) ** 2).sum((-1, -2))
-
-    return float(penalties[choose(errors, len(X), folds)])
-
-
 @dataclass(frozen=True)
 class Ridge(Estimator):
     """The constant Jacobian that minimises ``mean |dr - J dq|^2 + penalty |J|^2``.
 
     Attributes:
         penalty: In the units of the data [rad^2 per step]: a direction in which the joints' mean squared displacement
-            is less than this is shrunk to less than half. None: the best of 33 on held-out arcs.
-        folds: Number of arcs of the experience, each held out once to choose the penalty.
+            is less than this is shrunk to less than half. None: the best of 33 on what is held out.
+        folds: Number of parts of the experience, each held out once to choose the penalty.
     """
 
     penalty: float | None = None
@@ -62,8 +52,11 @@ class Ridge(Estimator):
         penalty = self.penalty
         if penalty is None:
             motion = (data.dq**2).sum(-1).mean()
-            penalty = ridge_penalty(
-                data.dq, data.dr, motion * torch.logspace(-8, 0, 33, dtype=motion.dtype), self.folds
-            )
+            penalties = motion * torch.logspace(-8, 0, 33, dtype=motion.dtype)
+
+            def errors(learn: Pairs, predict: Pairs) -> Tensor:
+                return ((predict.dq @ ridge(learn.dq, learn.dr, penalties) - predict.dr) ** 2).sum((-1, -2))
+
+            penalty = float(penalties[choose(errors, data.folds(self.folds))])
         candidates = torch.tensor([penalty], dtype=data.dq.dtype)
         return ConstantJacobian(ridge(data.dq, data.dr, candidates)[0].T.contiguous(), unit=data.unit)

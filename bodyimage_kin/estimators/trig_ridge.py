@@ -12,10 +12,11 @@ from torch import Tensor
 
 from bodyimage_kin import _checks
 from bodyimage_kin.estimators._field import ImageModel
-from bodyimage_kin.estimators._samples import samples
+from bodyimage_kin.estimators._hold_out import choose
+from bodyimage_kin.estimators._samples import Mask, samples
 from bodyimage_kin.estimators._trigonometric import TrigBasis
 from bodyimage_kin.estimators.base import Estimator
-from bodyimage_kin.estimators.ridge import ridge, ridge_penalty
+from bodyimage_kin.estimators.ridge import ridge
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +63,9 @@ class TrigRidge(Estimator):
 
     Attributes:
         degree: Most joints in a product; None: all of them.
-        penalty: Of squared weights against the mean squared error; None: the best of 33 on held-out arcs.
+        penalty: Of squared weights against the mean squared error; None: the best of 33 on what is held out.
         roughness: How many times more a function is penalised for each further order in the joints.
-        folds: Number of arcs of the experience, each held out once to choose the penalty.
+        folds: Number of parts of the experience, each held out once to choose the penalty.
     """
 
     degree: int | None = 3
@@ -87,7 +88,12 @@ class TrigRidge(Estimator):
         X, Y = features - mean, data.image - mean_image
         penalty = self.penalty
         if penalty is None:
-            penalty = ridge_penalty(X, Y, torch.logspace(-11, 0, 33, dtype=X.dtype), self.folds)
+            penalties = torch.logspace(-11, 0, 33, dtype=X.dtype)
+
+            def errors(learn: Mask, predict: Mask) -> Tensor:
+                return ((X[predict] @ ridge(X[learn], Y[learn], penalties) - Y[predict]) ** 2).sum((-1, -2))
+
+            penalty = float(penalties[choose(errors, data.folds(self.folds))])
         slopes = ridge(X, Y, torch.tensor([penalty], dtype=X.dtype))[0]
         constant = mean_image - mean @ slopes
         return TrigImage(basis, torch.cat([constant[None], slopes]) * scale[:, None], unit=data.unit)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bodyimage_kin.estimators.paper_mlp import PaperMLP
-from bodyimage_kin.recordings.dynamics import DragSettings
+from bodyimage_kin.recordings import Noise
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.transforms import rpy_matrix, transform
 from bodyimage_kin.robot.tree import Joint
@@ -153,7 +153,7 @@ def table_1(
     screen_distance: float,
     quiet: PaperMLP | None,
     noisy: PaperMLP | None = None,
-    noise: DragSettings | None = None,
+    noise: Noise | None = None,
 ) -> tuple[Parameter, ...]:
     """The parameters of the experiment beside the paper's (Table 1).
 
@@ -162,7 +162,7 @@ def table_1(
         screen_distance: h_z, ``body.camera.screen.distance`` [m].
         quiet: The network as it learned without noise; None: not run.
         noisy: The network as it learned with noise; None: not run.
-        noise: The drag whose random torque was the noise; None: no noise.
+        noise: Whose random torque disturbed the hand; None: no noise.
 
     Returns:
         Rows in the paper's order.
@@ -181,7 +181,7 @@ def table_1(
             )
         ]
     # The random torque is drawn about zero (bodyimage_kin.recordings.dynamics); the paper gives no unit.
-    variance = _DASH if noise is None else f"{noise.torque_variance:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
+    variance = _DASH if noise is None else f"{noise.torque**2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
     return (
         *rows,
         Parameter("noise: mean of the normal distribution", "0.0", _DASH if noise is None else "0.0"),

@@ -1,4 +1,7 @@
-"""Scores of learned Jacobians, trajectories and maps: pure functions on arrays."""
+"""Scores of learned Jacobians, trajectories and maps: pure functions on arrays.
+
+``[unit]`` is the unit of the hand image: m on a virtual screen, px, m in space. Joints count in rad (or m).
+"""
 
 from bodyimage_kin.metrics.attribution import Attribution, attribute
 from bodyimage_kin.metrics.basin import Basin, servo_basin

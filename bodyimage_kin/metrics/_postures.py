@@ -11,8 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from bodyimage_kin.metrics._inputs import ArrayInput, Floats, Metric, as_pair, metric_root, ratio
+from bodyimage_kin._arrays import ArrayLike, Floats, as_pair
 from bodyimage_kin.metrics._row_space import RowSpace, row_space, singular_values
+from bodyimage_kin.metrics._whitening import Metric, metric_root, ratio
 
 CHUNK = 1 << 16  # postures at a time, so that temporaries stay in the tens of megabytes
 
@@ -132,7 +133,7 @@ SCORES = {
 
 
 @np.errstate(all="ignore")
-def per_posture(names: Sequence[str], true: ArrayInput, estimated: ArrayInput, metric: Metric) -> dict[str, Floats]:
+def per_posture(names: Sequence[str], true: ArrayLike, estimated: ArrayLike, metric: Metric) -> dict[str, Floats]:
     """The named scores, in the batch shape of the Jacobians followed by their own."""
     J, Jh = as_pair(true, estimated, ("true", "estimated"), ndim=2)
     *batch, m, p = J.shape

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
 from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.metrics._inputs import ArrayInput, Floats, Metric, as_floats, as_pair, metric_root, power_of_two
+from bodyimage_kin.metrics._whitening import Metric, metric_root, power_of_two
 from bodyimage_kin.metrics.excitation import Excitation
 
 
@@ -45,10 +46,10 @@ class Attribution:
 
 @np.errstate(all="ignore")
 def attribute(
-    true: ArrayInput,
-    estimated: ArrayInput,
+    true: ArrayLike,
+    estimated: ArrayLike,
     metric: Metric = "identity",
-    excited: Excitation | ArrayInput | None = None,
+    excited: Excitation | ArrayLike | None = None,
 ) -> Attribution:
     """Attribute the error of any learned Jacobian over a set of postures, exactly.
 
@@ -56,7 +57,7 @@ def attribute(
     by Pythagoras; mean and deviation over postures, and P and I - P, are orthogonal as well.
 
     Args:
-        true: (*batch, m, p) [image unit/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape; for a displacement f(dq) the caller chooses which of its Jacobians.
         metric: W, ``"identity"`` (the default) or (p, p), such as :attr:`Excitation.motion_metric`.
         excited: Which motions training excited: an :class:`Excitation`, or P itself, (p, p), an orthogonal projector in
@@ -108,10 +109,14 @@ def _whitened(J: Floats, metric: Metric) -> tuple[Float[np.ndarray, "postures m 
     return J, float(np.vdot(J, J)), power
 
 
-def _projector(excited: Excitation | ArrayInput | None, metric: Metric, p: int) -> Float[np.ndarray, "p p"]:
+def _projector(excited: Excitation | ArrayLike | None, metric: Metric, p: int) -> Float[np.ndarray, "p p"]:
     if excited is None:
         return np.eye(p)
-    P = excited.projector(metric=metric) if isinstance(excited, Excitation) else as_floats(excited, "excited", ndim=2)
+    P = (
+        excited.projector(metric=metric)
+        if isinstance(excited, Excitation)
+        else as_float_array(excited, "excited", ndim=2)
+    )
     if P.shape != (p, p) or not (np.abs(P - P.T).max() < 1e-9 and np.abs(P @ P - P).max() < 1e-9):
         raise InvalidArray(
             f"excited must be an Excitation of {p} joints, or an orthogonal projector, symmetric, ({p}, {p}) and its "

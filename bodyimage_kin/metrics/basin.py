@@ -11,8 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bodyimage_kin.errors import InvalidArray, InvalidConfig
-from bodyimage_kin.metrics._inputs import ArrayInput, Field, Floats, answer, as_floats
+from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array
+from bodyimage_kin._checks import number, refuse, whole
+from bodyimage_kin.errors import InvalidArray
+from bodyimage_kin.metrics._fields import Field, answer
 
 _CHUNK = 1 << 15  # trials advanced together, so that temporaries stay in the tens of megabytes
 _SETTLED = 0.01  # of the tolerance: a trial this near its goal is done, not merely passing
@@ -30,7 +32,7 @@ class Basin:
         converged: (goals, distances, directions) 1 where the trial converges, 0 where not, NaN where there is no trial:
             no posture within the limits has its image there.
         starts: (goals, distances, directions, p) posture each trial starts from [rad or m], NaN where there is none.
-        distances: (distances,) of the starts' images from the goal's, ascending [m on the screen].
+        distances: (distances,) of the starts' images from the goal's, ascending [unit].
         directions: (directions, m) unit vectors from the goal's image to those of the starts.
     """
 
@@ -52,7 +54,7 @@ class Basin:
 
     @property
     def radius(self) -> Float[np.ndarray, "goals"]:
-        """Largest distance [m] up to which every trial converges, whatever its direction.
+        """Largest distance [unit] up to which every trial converges, whatever its direction.
 
         0 where a trial from the smallest distance fails, NaN where there is none from there. A larger distance without
         any trial ends the basin: nothing vouches for it.
@@ -67,16 +69,16 @@ def servo_basin(
     image: Field,
     true_jacobian: Field,
     estimated_jacobian: Field,
-    goals: ArrayInput,
+    goals: ArrayLike,
     *,
-    lower: ArrayInput,
-    upper: ArrayInput,
-    distances: ArrayInput = (0.005, 0.01, 0.02, 0.03, 0.05),
-    directions: int | ArrayInput = 8,
-    gain: float = 0.2,
-    damping: float = 0.05,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    distances: ArrayLike = (0.005, 0.01, 0.02, 0.03, 0.05),
+    directions: int | ArrayLike = 8,
+    gain: float | int = 0.2,
+    damping: float | int = 0.05,
     steps: int = 100,
-    tolerance: float = 0.001,
+    tolerance: float | int = 0.001,
 ) -> Basin:
     """The basin of attraction of goals under the servo law on the true robot, within its limits.
 
@@ -91,21 +93,21 @@ def servo_basin(
     back, along the straight line on the screen.
 
     Args:
-        image: True hand image of postures (k, p) -> (k, m) [m on the screen], NaN where the hand has none.
-        true_jacobian: Its derivative, (k, p) -> (k, m, p) [m/rad]; asked only where there is an image.
+        image: True hand image of postures (k, p) -> (k, m) [unit], NaN where the hand has none.
+        true_jacobian: Its derivative, (k, p) -> (k, m, p) [unit/rad]; asked only where there is an image.
         estimated_jacobian: The learned one, likewise.
         goals: (goals, p) postures [rad or m] whose images are servoed to. One that is not finite, or without image,
             has no trials; one beyond its limits is aimed at from within.
         lower: (p,) joint limits [rad or m], -inf where there is none.
         upper: (p,) likewise, inf where there is none.
-        distances: Of the starts' images from the goal's, ascending [m on the screen].
+        distances: Of the starts' images from the goal's, ascending [unit].
         directions: How many directions the starts lie in: evenly spaced from the first axis towards the second when m
             is 2, else drawn uniformly once for all (from a fixed seed). Or the directions themselves, (directions, m),
             of any length.
         gain: Per step, ``lambda dt``; see :func:`bodyimage_kin.metrics.critical_gain`.
         damping: Of the inverse, relative to s; dimensionless.
         steps: At most.
-        tolerance: Image error that counts as arrived [m on the screen].
+        tolerance: Image error that counts as arrived [unit].
 
     Returns:
         The outcome of every trial; the same, goal by goal, whatever other goals there are.
@@ -114,21 +116,22 @@ def servo_basin(
         InvalidArray: Goals, limits or directions of a wrong shape, or a function's value of a wrong shape.
         InvalidConfig: Distances that do not ascend from above the tolerance, or another setting out of range.
     """
-    goals = as_floats(goals, "goals", ndim=1)
+    goals = as_float_array(goals, "goals", ndim=1)
     if goals.ndim != 2:
         raise InvalidArray(f"goals has shape {goals.shape}; give postures (goals, p)")
     limits = _limits(lower, upper, goals.shape[1])
-    _require(0 < gain < np.inf, "gain", gain, "a positive number")
-    _require(_LEAST_DAMPING <= damping < np.inf, "damping", damping, f"a number of at least {_LEAST_DAMPING}")
-    _require(isinstance(steps, int) and steps >= 1, "steps", steps, "a whole number of at least 1")
-    _require(0 < tolerance < np.inf, "tolerance", tolerance, "a positive number of metres")
-    away = as_floats(distances, "distances", ndim=1)
+    gain = number("gain", gain, above=0.0)
+    damping = number("damping", damping, least=_LEAST_DAMPING)
+    steps = whole("steps", steps, least=1)
+    tolerance = number("tolerance", tolerance, above=0.0)
+    away = as_float_array(distances, "distances", ndim=1)
     ascend = away.ndim == 1 and bool(np.isfinite(away).all() and (np.diff(away, prepend=tolerance) > 0).all())
-    _require(ascend, "distances", distances, "ascending numbers of metres, greater than the tolerance")
+    if not ascend:
+        refuse("distances", distances, "ascending distances in the unit of the image, greater than the tolerance")
 
     centre, m = _images_of_goals(image, goals)
-    if isinstance(directions, int):
-        _require(directions >= 1, "directions", directions, "at least 1")
+    if np.ndim(directions) == 0:
+        directions = whole("directions", directions, least=1)
     unit = _directions(directions, m)
     offsets = away[:, None, None] * unit
     shape = (len(away), len(unit))
@@ -151,13 +154,8 @@ def servo_basin(
     return Basin(converged, starts, away, unit)
 
 
-def _require(holds: bool, name: str, value: object, valid: str) -> None:
-    if not holds:
-        raise InvalidConfig(f"{name} is {value}; give {valid}")
-
-
-def _limits(lower: ArrayInput, upper: ArrayInput, p: int) -> tuple[Floats, Floats]:
-    low, high = as_floats(lower, "lower", ndim=1), as_floats(upper, "upper", ndim=1)
+def _limits(lower: ArrayLike, upper: ArrayLike, p: int) -> tuple[Floats, Floats]:
+    low, high = as_float_array(lower, "lower", ndim=1), as_float_array(upper, "upper", ndim=1)
     if low.shape != (p,) or high.shape != (p,) or not (low <= high).all():
         raise InvalidArray(f"lower {low.shape} and upper {high.shape} must be ({p},) each, lower not above upper")
     return low, high
@@ -168,7 +166,7 @@ def _images_of_goals(image: Field, goals: Floats) -> tuple[Floats, int]:
     known = np.isfinite(goals).all(-1)
     if not known.any():
         raise InvalidArray("goals holds no finite posture")
-    value = as_floats(image(goals[known]), "the value of image", ndim=2)
+    value = as_float_array(image(goals[known]), "the value of image", ndim=2)
     if value.shape != (int(known.sum()), value.shape[-1]):
         raise InvalidArray(f"the value of image has shape {value.shape}; it must be ({int(known.sum())}, m)")
     images = np.full((len(goals), value.shape[-1]), np.nan)
@@ -176,10 +174,10 @@ def _images_of_goals(image: Field, goals: Floats) -> tuple[Floats, int]:
     return images, value.shape[-1]
 
 
-def _directions(directions: ArrayInput, m: int) -> Float[np.ndarray, "directions m"]:
+def _directions(directions: ArrayLike, m: int) -> Float[np.ndarray, "directions m"]:
     """Unit vectors on the screen."""
     if not isinstance(directions, int):
-        vectors = as_floats(directions, "directions", ndim=2)
+        vectors = as_float_array(directions, "directions", ndim=2)
     elif m == 2:
         angles = 2 * np.pi * np.arange(directions) / directions
         vectors = np.stack([np.cos(angles), np.sin(angles)], -1)
@@ -217,7 +215,12 @@ def _step_within(J: Floats, wanted: Floats, q: Floats, limits: tuple[Floats, Flo
 
 
 def _starts(
-    image: Field, true_jacobian: Field, goals: Floats, centre: Floats, offset: Floats, limits: tuple[Floats, Floats]
+    image: Field,
+    true_jacobian: Field,
+    goals: Floats,
+    centre: Floats,
+    offset: Floats,
+    limits: tuple[Floats, Floats],
 ) -> Float[np.ndarray, "k p"]:
     """Postures whose images are at an offset from those of goals, NaN where no such posture is found."""
     (k, p), m = goals.shape, centre.shape[1]

@@ -13,10 +13,10 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from bodyimage_kin._arrays import ArrayLike
+from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin._checks import choice, number
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
-from bodyimage_kin.metrics._inputs import Metric, as_floats, metric_root, square_root
+from bodyimage_kin.metrics._whitening import Metric, metric_root, square_root
 
 Motion: TypeAlias = xr.Dataset | ArrayLike
 """A recording, or joint displacements (*steps, p) [rad or m]."""
@@ -134,10 +134,10 @@ def _mean_gram(motion: Motion, of: Of, name: str) -> Float[np.ndarray, "p p"]:
 def _steps(motion: Motion, of: Of, name: str) -> Float[np.ndarray, "*steps p"]:
     choice("of", of, ("felt", "true"))
     if not isinstance(motion, xr.Dataset):
-        return as_floats(motion, name, ndim=1)
+        return as_float_array(motion, name, ndim=1)
     variable = "q" if of == "felt" else "true_q"
     if variable not in motion:
         raise InvalidRecording(f"{name}: the recording has no variable '{variable}', its {of} postures")
     if motion.attrs.get("order") == "scattered":
         raise InvalidRecording(f"{name}: a scattered recording has no steps; give joint displacements (*steps, p)")
-    return np.diff(as_floats(motion[variable].values, variable, ndim=3), axis=-2)
+    return np.diff(as_float_array(motion[variable].values, variable, ndim=3), axis=-2)

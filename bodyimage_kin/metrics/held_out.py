@@ -47,13 +47,13 @@ def hold_out(exp: xr.Dataset, regions: int) -> list[HeldOut]:
     found = []
     for hidden in range(regions):
         try:
-            lesson = HeldOut(_only(exp, region != hidden), pairs(_only(exp, region == hidden)))
-            pairs(lesson.seen)
+            one = HeldOut(_only(exp, region != hidden), pairs(_only(exp, region == hidden)))
+            pairs(one.seen)
         except InvalidRecording as problem:
             raise InvalidRecording(f"region {hidden} of {regions} cannot be held out: {problem}") from None
-        if not lesson.hidden.dr.any():
+        if not one.hidden.dr.any():
             raise InvalidRecording(f"region {hidden} of {regions} cannot be held out: the hand image rests in it")
-        found.append(lesson)
+        found.append(one)
     return found
 
 
@@ -64,7 +64,7 @@ def image_regions(image: Float[np.ndarray, "count m"], regions: int) -> Int[np.n
     length.
 
     Args:
-        image: Hand images [m], of any number of coordinates.
+        image: Hand images, in any unit and of any number of coordinates.
         regions: How many.
 
     Returns:

@@ -1,9 +1,9 @@
 """How wrong a learned Jacobian is, posture by posture and pooled.
 
-J is the true Jacobian of the hand image, Jh the estimated one, E = Jh - J, all (m, p) [m/rad]. A metric W (p x p) says
-how much each joint motion matters: ``"identity"``, the default of every function here, counts all joints alike; in that
-of a motion (:func:`bodyimage_kin.metrics.motion_metric`) the squared norm of ``Jt = J W^1/2`` is the mean squared image
-displacement that the motion causes. Everything is computed in float64.
+J is the true Jacobian of the hand image, Jh the estimated one, E = Jh - J, all (m, p), ``[unit]`` that of the image. A
+metric W (p x p) says how much each joint motion matters: ``"identity"``, the default of every function here, counts all
+joints alike; in that of a motion (:func:`bodyimage_kin.metrics.motion_metric`) the squared norm of ``Jt = J W^1/2`` is
+the mean squared image displacement that the motion causes. Everything is computed in float64.
 
 Undefined is NaN: a posture with a non-finite entry in J or Jh has NaN in every score, pooled scores leave it out.
 """
@@ -16,14 +16,15 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from bodyimage_kin._arrays import ArrayLike, as_pair
 from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.metrics._inputs import ArrayInput, Metric, as_pair, metric_root, power_of_two, ratio
 from bodyimage_kin.metrics._postures import SCORES, chunks, per_posture
+from bodyimage_kin.metrics._whitening import Metric, metric_root, power_of_two, ratio
 
 
 def jacobian_errors(
-    true: ArrayInput,
-    estimated: ArrayInput,
+    true: ArrayLike,
+    estimated: ArrayLike,
     *,
     metric: Metric = "identity",
     joints: Sequence[str] | None = None,
@@ -32,7 +33,7 @@ def jacobian_errors(
     """Every score of a learned Jacobian that is defined posture by posture.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p). Column scores are of the joints themselves, without it.
         joints: Names of the p joints, the coordinate of ``joint``.
@@ -64,11 +65,11 @@ def jacobian_errors(
     return xr.Dataset(variables, {} if joints is None else {"joint": list(joints)})
 
 
-def relative_error(true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity") -> Float[np.ndarray, "*batch"]:
+def relative_error(true: ArrayLike, estimated: ArrayLike, metric: Metric = "identity") -> Float[np.ndarray, "*batch"]:
     """Relative error ``|E W^1/2| / |J W^1/2|`` of each posture, Frobenius norms.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p).
 
@@ -82,12 +83,12 @@ def relative_error(true: ArrayInput, estimated: ArrayInput, metric: Metric = "id
 
 
 def axis_relative_error(
-    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
+    true: ArrayLike, estimated: ArrayLike, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch m"]:
     """Relative error of each image axis (row), as :func:`relative_error`.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p).
 
@@ -100,15 +101,13 @@ def axis_relative_error(
     return per_posture(["axis_relative_error"], true, estimated, metric)["axis_relative_error"]
 
 
-def scale_free_error(
-    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
-) -> Float[np.ndarray, "*batch"]:
+def scale_free_error(true: ArrayLike, estimated: ArrayLike, metric: Metric = "identity") -> Float[np.ndarray, "*batch"]:
     """Squared relative error left after the best scaling of the estimate, ``1 - <Jh, J>^2 / (|Jh|^2 |J|^2)``.
 
     Blind to the depth a monocular learner cannot know, and to the sign of the whole Jacobian with it.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p).
 
@@ -121,11 +120,11 @@ def scale_free_error(
     return per_posture(["scale_free_error"], true, estimated, metric)["scale_free_error"]
 
 
-def column_cosine(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "*batch p"]:
+def column_cosine(true: ArrayLike, estimated: ArrayLike) -> Float[np.ndarray, "*batch p"]:
     """Cosine of the angle between the true and the estimated image motion of each joint.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
 
     Returns:
@@ -137,11 +136,11 @@ def column_cosine(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, 
     return per_posture(["column_cosine"], true, estimated, "identity")["column_cosine"]
 
 
-def column_log_norm_ratio(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "*batch p"]:
+def column_log_norm_ratio(true: ArrayLike, estimated: ArrayLike) -> Float[np.ndarray, "*batch p"]:
     """Natural logarithm of estimated over true size of each joint's image motion.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
 
     Returns:
@@ -155,12 +154,12 @@ def column_log_norm_ratio(true: ArrayInput, estimated: ArrayInput) -> Float[np.n
 
 
 def singular_value_ratios(
-    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
+    true: ArrayLike, estimated: ArrayLike, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch k"]:
     """Estimated over true singular values of ``J W^1/2``, strongest first.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p).
 
@@ -175,12 +174,12 @@ def singular_value_ratios(
 
 
 def log_condition_difference(
-    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
+    true: ArrayLike, estimated: ArrayLike, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch"]:
     """Difference of log condition numbers, estimated minus true, of ``J W^1/2``.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p).
 
@@ -195,12 +194,12 @@ def log_condition_difference(
 
 
 def manipulability_ratio(
-    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
+    true: ArrayLike, estimated: ArrayLike, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch"]:
     """Estimated over true manipulability ``sqrt(det(J W J'))``, the product of the singular values.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p).
 
@@ -214,12 +213,12 @@ def manipulability_ratio(
 
 
 def row_space_angles(
-    true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity"
+    true: ArrayLike, estimated: ArrayLike, metric: Metric = "identity"
 ) -> Float[np.ndarray, "*batch k"]:
     """Principal angles between the row spaces of ``J W^1/2``, the joint motions that move the image at all.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p).
 
@@ -234,11 +233,11 @@ def row_space_angles(
 
 
 @np.errstate(all="ignore")
-def pooled_relative_error(true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity") -> float:
+def pooled_relative_error(true: ArrayLike, estimated: ArrayLike, metric: Metric = "identity") -> float:
     """Relative error over all postures at once, ``sqrt(mean |E W^1/2|^2 / mean |J W^1/2|^2)``.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p).
 
@@ -262,11 +261,11 @@ def pooled_relative_error(true: ArrayInput, estimated: ArrayInput, metric: Metri
 
 
 @np.errstate(all="ignore")
-def pooled_scale_free_error(true: ArrayInput, estimated: ArrayInput, metric: Metric = "identity") -> float:
+def pooled_scale_free_error(true: ArrayLike, estimated: ArrayLike, metric: Metric = "identity") -> float:
     """:func:`scale_free_error` with one scale for all postures, ``<A, B>`` being the mean of ``tr(A W B')`` over them.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape.
         metric: W, ``"identity"`` (the default) or (p, p).
 
@@ -288,13 +287,13 @@ def pooled_scale_free_error(true: ArrayInput, estimated: ArrayInput, metric: Met
 
 
 @np.errstate(all="ignore")
-def displacement_error(predicted: ArrayInput, true_displacement: ArrayInput) -> float:
+def displacement_error(predicted: ArrayLike, true_displacement: ArrayLike) -> float:
     """Relative RMS error of predicted displacements over a motion, ``sqrt(mean |d - J dq|^2 / mean |J dq|^2)``.
 
     The headline for an estimator that predicts displacements and has a Jacobian only by differentiation.
 
     Args:
-        predicted: Predicted displacements of the hand image d, (*samples, m) [m].
+        predicted: Predicted displacements of the hand image d, (*samples, m) [unit].
         true_displacement: The true ones, J dq or the change of the true image, of the same shape.
 
     Returns:

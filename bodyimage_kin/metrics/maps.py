@@ -15,18 +15,19 @@ import numpy as np
 import scipy.spatial.distance
 from jaxtyping import Float
 
+from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
 from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.metrics._inputs import ArrayInput, Floats, as_floats, as_pair, as_weights, ratio
+from bodyimage_kin.metrics._whitening import ratio
 
 
-def _planar(map: ArrayInput) -> Float[np.ndarray, "rows columns 2"]:
-    array = as_floats(map, "map", ndim=3)
+def _planar(map: ArrayLike) -> Float[np.ndarray, "rows columns 2"]:
+    array = as_float_array(map, "map", ndim=3)
     if array.ndim != 3 or array.shape[-1] != 2:
         raise InvalidArray(f"map has shape {array.shape}; this score needs (rows, columns, 2)")
     return array
 
 
-def topological_error(map: ArrayInput) -> int:
+def topological_error(map: ArrayLike) -> int:
     """Number of taxels out of order with their right or lower neighbour.
 
     A taxel counts once, when its x exceeds that of the taxel to its right or its y that of the taxel below.
@@ -49,7 +50,7 @@ def topological_error(map: ArrayInput) -> int:
     return int(wrong.sum())
 
 
-def folded_cells(map: ArrayInput) -> int:
+def folded_cells(map: ArrayLike) -> int:
     """Number of grid cells turned over or flattened at any of their four corners.
 
     The triangle at a corner is positive when the way round the cell is that of the grid: x along the columns, y along
@@ -73,10 +74,29 @@ def folded_cells(map: ArrayInput) -> int:
     return int((~(area > 0)).any(axis=0).sum())
 
 
-def _centred(true: ArrayInput, map: ArrayInput, weights: ArrayInput | None) -> tuple[Floats, Floats, Floats]:
+def _as_weights(value: ArrayLike | None, shape: tuple[int, ...]) -> Floats:
+    """Non-negative weights of the given shape: a mask, counts or floats; ones when None.
+
+    Raises:
+        InvalidArray: Another shape, or a weight that is negative or not finite.
+    """
+    if value is None:
+        return np.ones(shape)
+    try:
+        weights = np.asarray(value.detach() if hasattr(value, "detach") else value).astype(np.float64)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InvalidArray(f"weights are no array of numbers ({error})") from error
+    if weights.shape != shape:
+        raise InvalidArray(f"weights have shape {weights.shape}; give one number a taxel, {shape}")
+    if not (np.isfinite(weights) & (weights >= 0)).all():
+        raise InvalidArray("weights must be finite and not negative")
+    return weights
+
+
+def _centred(true: ArrayLike, map: ArrayLike, weights: ArrayLike | None) -> tuple[Floats, Floats, Floats]:
     """Both maps about their weighted means, (taxels, m), and weights that sum to one (to zero if none is left)."""
     true, map = as_pair(true, map, ("true", "map"), ndim=2)
-    weight = as_weights(weights, true.shape[:-1]).ravel()
+    weight = _as_weights(weights, true.shape[:-1]).ravel()
     true, map = true.reshape(-1, true.shape[-1]), map.reshape(-1, true.shape[-1])
     used = (weight > 0) & np.isfinite(true).all(-1) & np.isfinite(map).all(-1)
     true, map, weight = true[used], map[used], weight[used] / weight[used].sum()
@@ -85,7 +105,7 @@ def _centred(true: ArrayInput, map: ArrayInput, weights: ArrayInput | None) -> t
     return true - weight @ true, map - weight @ map, weight
 
 
-def span(map: ArrayInput, true: ArrayInput, weights: ArrayInput | None = None) -> Float[np.ndarray, "m"]:
+def span(map: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> Float[np.ndarray, "m"]:
     """Slope of the regression of the map on the truth along each image axis: 1 keeps its size, 0 is collapsed.
 
     Args:
@@ -119,7 +139,7 @@ class Procrustes:
     rotation: Float[np.ndarray, "m m"]
 
 
-def procrustes(true: ArrayInput, map: ArrayInput, weights: ArrayInput | None = None) -> Procrustes:
+def procrustes(true: ArrayLike, map: ArrayLike, weights: ArrayLike | None = None) -> Procrustes:
     """Similarity fit of the truth to a map, without reflection.
 
     Not ``scipy.spatial.procrustes``, which reflects, and so calls a mirrored map perfect.
@@ -151,7 +171,7 @@ def procrustes(true: ArrayInput, map: ArrayInput, weights: ArrayInput | None = N
     return Procrustes(max(disparity, 0.0) if disparity == disparity else disparity, trace / truth_size, (U * D) @ Vt)
 
 
-def scores(map: ArrayInput, true: ArrayInput, weights: ArrayInput | None = None) -> dict[str, Any]:
+def scores(map: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> dict[str, Any]:
     """Every score of one map that says something the others do not.
 
     Args:
@@ -176,9 +196,7 @@ def scores(map: ArrayInput, true: ArrayInput, weights: ArrayInput | None = None)
     }
 
 
-def landmark_relations(
-    map: ArrayInput, landmarks: Mapping[str, int], true: ArrayInput | None = None
-) -> dict[str, bool]:
+def landmark_relations(map: ArrayLike, landmarks: Mapping[str, int], true: ArrayLike | None = None) -> dict[str, bool]:
     """Which relations between landmarks (left of, above) a map keeps.
 
     Args:
@@ -212,7 +230,7 @@ def landmark_relations(
     }
 
 
-def permuted(map: ArrayInput, seed: int) -> Float[np.ndarray, "rows columns m"]:
+def permuted(map: ArrayLike, seed: int) -> Float[np.ndarray, "rows columns m"]:
     """The map with its taxel labels shuffled, on which every score of order must return to chance.
 
     Args:
@@ -222,16 +240,16 @@ def permuted(map: ArrayInput, seed: int) -> Float[np.ndarray, "rows columns m"]:
     Raises:
         InvalidArray: Not a float array of three axes.
     """
-    places = as_floats(map, "map", ndim=3)
+    places = as_float_array(map, "map", ndim=3)
     if places.ndim != 3:
         raise InvalidArray(f"map has shape {places.shape}; it must be (rows, columns, m)")
     order = np.random.default_rng(seed).permutation(places.shape[0] * places.shape[1])
     return places.reshape(-1, places.shape[-1])[order].reshape(places.shape)
 
 
-def _best_units(weights: ArrayInput, samples: ArrayInput) -> tuple[Any, Any, Floats, tuple[int, int]]:
+def _best_units(weights: ArrayLike, samples: ArrayLike) -> tuple[Any, Any, Floats, tuple[int, int]]:
     """Nearest and second nearest unit of each finite sample, its distance to the nearest, and the grid's shape."""
-    units, points = as_floats(weights, "weights", ndim=3), as_floats(samples, "samples", ndim=1)
+    units, points = as_float_array(weights, "weights", ndim=3), as_float_array(samples, "samples", ndim=1)
     if units.ndim != 3 or units.shape[-1] != points.shape[-1]:
         raise InvalidArray(
             f"weights have shape {units.shape}, samples {points.shape}; give (rows, columns, d) and (*samples, d)"
@@ -251,7 +269,7 @@ def _best_units(weights: ArrayInput, samples: ArrayInput) -> tuple[Any, Any, Flo
     return first, second, distances, (grid[0], grid[1])
 
 
-def quantization_error(weights: ArrayInput, samples: ArrayInput) -> float:
+def quantization_error(weights: ArrayLike, samples: ArrayLike) -> float:
     """Mean Euclidean distance of samples to their nearest unit of a self-organizing map.
 
     Args:
@@ -268,7 +286,7 @@ def quantization_error(weights: ArrayInput, samples: ArrayInput) -> float:
     return float(distances.mean()) if len(distances) else float("nan")
 
 
-def topographic_error(weights: ArrayInput, samples: ArrayInput) -> float:
+def topographic_error(weights: ArrayLike, samples: ArrayLike) -> float:
     """Share of samples whose nearest and second nearest units are no neighbours on the grid.
 
     The rule: each unit has 8 neighbours, diagonals included (other libraries count 4); of units equally near the one of

@@ -9,18 +9,18 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
 from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.metrics._inputs import ArrayInput, Floats, as_floats, as_pair
 
 _EPS = float(np.finfo(np.float64).eps)
 
 
 @np.errstate(all="ignore")
-def servo_matrix(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "*batch m m"]:
+def servo_matrix(true: ArrayLike, estimated: ArrayLike) -> Float[np.ndarray, "*batch m m"]:
     """M = J Jh^+, the identity when the estimate moves the image as meant.
 
     Args:
-        true: (*batch, m, p) [m/rad].
+        true: (*batch, m, p) [unit/rad].
         estimated: The same shape. Singular values below rounding (max(m, p) eps of the greatest) count as zero.
 
     Returns:
@@ -42,9 +42,9 @@ def servo_matrix(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "
     return np.where(finite, M, np.nan)
 
 
-def _square(servo_matrix: ArrayInput) -> tuple[Floats, Bool[np.ndarray, "*batch"], Floats]:
+def _square(servo_matrix: ArrayLike) -> tuple[Floats, Bool[np.ndarray, "*batch"], Floats]:
     """The matrices (zero where not finite), which are finite, and what is zero to rounding in each (*batch,)."""
-    M = as_floats(servo_matrix, "servo_matrix", ndim=2)
+    M = as_float_array(servo_matrix, "servo_matrix", ndim=2)
     if M.shape[-1] != M.shape[-2]:
         raise InvalidArray(f"servo_matrix has shape {M.shape}; it must be (*batch, m, m), J times the inverse of Jh")
     finite = np.asarray(np.isfinite(M).all((-1, -2)))
@@ -52,7 +52,7 @@ def _square(servo_matrix: ArrayInput) -> tuple[Floats, Bool[np.ndarray, "*batch"
     return M, finite, np.asarray(10 * M.shape[-1] * _EPS * np.linalg.norm(M, axis=(-2, -1)))
 
 
-def locally_stable(servo_matrix: ArrayInput) -> Bool[np.ndarray, "*batch"]:
+def locally_stable(servo_matrix: ArrayLike) -> Bool[np.ndarray, "*batch"]:
     """Whether a small enough gain converges near the goal: all eigenvalues of M have positive real part.
 
     Args:
@@ -68,7 +68,7 @@ def locally_stable(servo_matrix: ArrayInput) -> Bool[np.ndarray, "*batch"]:
     return np.asarray(finite & (np.linalg.eigvals(M).real.min(-1, initial=np.inf) > zero))
 
 
-def monotone(servo_matrix: ArrayInput) -> Bool[np.ndarray, "*batch"]:
+def monotone(servo_matrix: ArrayLike) -> Bool[np.ndarray, "*batch"]:
     """Whether a small enough gain shrinks the image error from the first step on: sym(M) is positive definite.
 
     Args:
@@ -85,7 +85,7 @@ def monotone(servo_matrix: ArrayInput) -> Bool[np.ndarray, "*batch"]:
 
 
 @np.errstate(all="ignore")
-def critical_gain(servo_matrix: ArrayInput) -> Float[np.ndarray, "*batch"]:
+def critical_gain(servo_matrix: ArrayLike) -> Float[np.ndarray, "*batch"]:
     """The gain ``lambda dt`` per step below which the sampled servo converges near the goal, min 2 Re(mu) / |mu|^2.
 
     Args:

@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from bodyimage_kin.metrics._inputs import ArrayInput, Floats, as_floats, as_pair, ratio
+from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
+from bodyimage_kin.metrics._whitening import ratio
 
 
-def _finite_rows(true: ArrayInput, estimated: ArrayInput) -> tuple[Floats, Floats]:
+def _finite_rows(true: ArrayLike, estimated: ArrayLike) -> tuple[Floats, Floats]:
     true, estimated = as_pair(true, estimated, ("true", "estimated"), ndim=1)
     true, estimated = true.reshape(-1, true.shape[-1]), estimated.reshape(-1, true.shape[-1])
     seen = np.isfinite(true).all(-1) & np.isfinite(estimated).all(-1)
@@ -19,11 +20,11 @@ def _finite_rows(true: ArrayInput, estimated: ArrayInput) -> tuple[Floats, Float
 
 
 @np.errstate(all="ignore")
-def velocity_correlation(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "m"]:
+def velocity_correlation(true: ArrayLike, estimated: ArrayLike) -> Float[np.ndarray, "m"]:
     """Pearson correlation of estimated and true velocity along each image axis.
 
     Args:
-        true: True displacements per step, (*samples, m) [m]: ``np.diff(positions, axis=time)``, not positions.
+        true: True displacements per step, (*samples, m) [unit]: ``np.diff(positions, axis=time)``, not positions.
         estimated: Estimated displacements, of the same shape.
 
     Returns:
@@ -45,11 +46,11 @@ def velocity_correlation(true: ArrayInput, estimated: ArrayInput) -> Float[np.nd
 
 
 @np.errstate(all="ignore")
-def velocity_nrmse(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray, "m"]:
+def velocity_nrmse(true: ArrayLike, estimated: ArrayLike) -> Float[np.ndarray, "m"]:
     """RMS error of the velocity along each image axis, over the range of the true velocity.
 
     Args:
-        true: True displacements per step, (*samples, m) [m]: ``np.diff(positions, axis=time)``, not positions.
+        true: True displacements per step, (*samples, m) [unit]: ``np.diff(positions, axis=time)``, not positions.
         estimated: Estimated displacements, of the same shape.
 
     Returns:
@@ -66,15 +67,15 @@ def velocity_nrmse(true: ArrayInput, estimated: ArrayInput) -> Float[np.ndarray,
 
 
 @np.errstate(all="ignore")
-def trajectory_rmse(true: ArrayInput, estimated: ArrayInput) -> float:
+def trajectory_rmse(true: ArrayLike, estimated: ArrayLike) -> float:
     """RMS distance between estimated and true position of the hand image.
 
     Args:
-        true: True positions, (*samples, m) [m].
+        true: True positions, (*samples, m) [unit].
         estimated: Estimated positions, of the same shape.
 
     Returns:
-        The root of the mean squared distance [m] over all samples finite in both; NaN when there is none.
+        The root of the mean squared distance [unit] over all samples finite in both; NaN when there is none.
 
     Raises:
         InvalidArray: Not two float arrays of one shape.
@@ -84,19 +85,19 @@ def trajectory_rmse(true: ArrayInput, estimated: ArrayInput) -> float:
 
 
 @np.errstate(all="ignore")
-def curl(jacobian_derivative: ArrayInput) -> Float[np.ndarray, "*batch m p p"]:
+def curl(jacobian_derivative: ArrayLike) -> Float[np.ndarray, "*batch m p p"]:
     """What keeps a Jacobian from being the derivative of any function: ``d_l J_ik - d_k J_il``.
 
     Args:
-        jacobian_derivative: (*batch, m, p, p), where [..., i, k, l] is the derivative of J_ik by joint l [m/rad^2].
+        jacobian_derivative: (*batch, m, p, p), where [..., i, k, l] is the derivative of J_ik by joint l [unit/rad^2].
 
     Returns:
-        Antisymmetric in its last two axes [m/rad^2], zero for a true Jacobian; NaN where an entry is NaN.
+        Antisymmetric in its last two axes [unit/rad^2], zero for a true Jacobian; NaN where an entry is NaN.
 
     Raises:
         InvalidArray: Not a float array, or its last two axes differ.
     """
-    derivative = as_floats(jacobian_derivative, "jacobian_derivative", ndim=3)
+    derivative = as_float_array(jacobian_derivative, "jacobian_derivative", ndim=3)
     if derivative.shape[-1] != derivative.shape[-2]:
         as_pair(derivative, derivative.swapaxes(-1, -2), ("jacobian_derivative", "its transpose"), ndim=3)
     return np.asarray(derivative - derivative.swapaxes(-1, -2))

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bodyimage_kin.errors import InvalidArray, InvalidConfig
-from bodyimage_kin.metrics._inputs import ArrayInput, Field, Floats, answer, as_floats
+from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array
+from bodyimage_kin._checks import whole
+from bodyimage_kin.errors import InvalidArray
+from bodyimage_kin.metrics._fields import Field, answer
 
 _CHUNK = 1 << 16  # postures asked for at once
 _STEP_NODES = 4  # on each step, which is short: exact for a Jacobian of degree seven along it
@@ -22,7 +24,7 @@ _STEP_NODES = 4  # on each step, which is short: exact for a Jacobian of degree 
 class ErrorSplit:
     """The error of an integrated hand image as a sum of three.
 
-    All arrays are ``(*batch, time, m)`` [m on the screen], zero at the start of a path and NaN off it.
+    All arrays are ``(*batch, time, m)`` [unit], zero at the start of a path and NaN off it.
 
     Attributes:
         discretisation: What taking finite steps adds, at the Jacobian that is integrated; zero for a constant one.
@@ -41,7 +43,7 @@ class ErrorSplit:
 
     @property
     def rms(self) -> dict[str, float]:
-        """Root of the mean squared length [m] of each part and of the total, over all samples on a path.
+        """Root of the mean squared length [unit] of each part and of the total, over all samples on a path.
 
         In the order discretisation, position, circulation, total; NaN when there is no sample. The total is
         :func:`bodyimage_kin.metrics.trajectory_rmse`. Parts may cancel, so their squares need not sum to its own.
@@ -55,7 +57,12 @@ class ErrorSplit:
 
 @np.errstate(all="ignore")
 def error_split(
-    q: ArrayInput, true_image: ArrayInput, displacement: Field, estimated_jacobian: Field, *, nodes: int = 32
+    q: ArrayLike,
+    true_image: ArrayLike,
+    displacement: Field,
+    estimated_jacobian: Field,
+    *,
+    nodes: int = 32,
 ) -> ErrorSplit:
     """Split the error of ``r_hat_t = r_0 + sum displacement(q_s, dq_s)`` (Euler, without resets) in three, exactly.
 
@@ -74,10 +81,10 @@ def error_split(
     Args:
         q: Postures over time, (*batch, time, p) [rad or m]. A path runs from the first sample whose posture and true
             image are finite to the last before one whose are not.
-        true_image: True hand image at these samples, (*batch, time, m) [m on the screen].
-        displacement: Predicted displacement, postures and joint displacements (k, p), (k, p) -> (k, m) [m].
-        estimated_jacobian: Its derivative at ``dq = 0``, (k, p) -> (k, m, p) [m/rad]. Also asked on the chords; where
-            it is NaN, so is the split.
+        true_image: True hand image at these samples, (*batch, time, m) [unit].
+        displacement: Predicted displacement, postures and joint displacements (k, p), (k, p) -> (k, m) [unit].
+        estimated_jacobian: Its derivative at ``dq = 0``, (k, p) -> (k, m, p) [unit/rad]. Also asked on the chords;
+            where it is NaN, so is the split.
         nodes: Gauss-Legendre nodes on each chord (4 on each step). What they miss of a Jacobian that is not smooth goes
             from one part to another, never out of the sum.
 
@@ -85,9 +92,8 @@ def error_split(
         InvalidArray: Arrays that do not fit together, or a function's value of a wrong shape.
         InvalidConfig: Less than one node.
     """
-    if not isinstance(nodes, int) or nodes < 1:
-        raise InvalidConfig(f"nodes is {nodes}; give a whole number of at least 1")
-    q, true_image = as_floats(q, "q", ndim=2), as_floats(true_image, "true_image", ndim=2)
+    nodes = whole("nodes", nodes, least=1)
+    q, true_image = as_float_array(q, "q", ndim=2), as_float_array(true_image, "true_image", ndim=2)
     if q.shape[:-1] != true_image.shape[:-1]:
         raise InvalidArray(f"q has shape {q.shape} but true_image {true_image.shape}; all axes but the last must agree")
     *batch, time, p = q.shape
@@ -100,7 +106,9 @@ def error_split(
     moved = linear = along = np.empty((0, m))
     if len(trial):
         moved = answer(displacement, "displacement", (len(trial), m), start, end - start)
-        jacobian = answer(estimated_jacobian, "estimated_jacobian", (len(trial), m, p), start)
+        jacobian = as_float_array(
+            estimated_jacobian(start), "the value of estimated_jacobian", shapes=((len(trial), m, p),)
+        )
         linear = np.einsum("kmp,kp->km", jacobian, end - start)
         along = _line_integrals(estimated_jacobian, start, end, _STEP_NODES, m)
     steps = np.zeros((3, *image.shape))
@@ -132,6 +140,8 @@ def _line_integrals(jacobian: Field, start: Floats, end: Floats, nodes: int, m: 
         some = slice(begin, begin + at_once)
         line = end[some] - start[some]
         postures = (start[some] + places * line).reshape(-1, line.shape[-1])
-        J = answer(jacobian, "estimated_jacobian", (len(postures), m, line.shape[-1]), postures)
+        J = as_float_array(
+            jacobian(postures), "the value of estimated_jacobian", shapes=((len(postures), m, line.shape[-1]),)
+        )
         found[some] = np.einsum("n,nkmp,kp->km", weights, J.reshape(nodes, len(line), m, -1), line, optimize=True)
     return found

@@ -1,4 +1,4 @@
-"""Motion with dynamics: an external force drags the hand along a path, the arm follows passively (section 4.1).
+"""Course with dynamics: an external force drags the hand along a path, the arm follows passively (section 4.1).
 
 The force on the hand is ``k (x* - x) + d (v* - v)`` in all components, on request with a random torque on the hand
 beside it. Weak springs pull the joints towards a rest posture; the skin is solid and the hand slides on it. MuJoCo
@@ -25,53 +25,16 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, Unreachable
 from bodyimage_kin.recordings import mujoco_model
 from bodyimage_kin.recordings.contacts import nearest_on_shapes
+from bodyimage_kin.recordings.settings import Drag, Noise
 
 _CHUNK = 10.0
 """Simulated time between two returns from MuJoCo's threads [s]: bounds the memory for controls and states."""
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 
 
-@dataclass(frozen=True)
-class DragSettings:
-    """How the hand is dragged, and how the arm follows.
-
-    Attributes:
-        stiffness: Of the spring between the hand and its target [N/m].
-        damping: Of the damper between them [N s/m].
-        press: How deep in the skin the target lies while the hand touches [m]: presses it on.
-        friction: Coefficient of friction between hand and skin.
-        tolerance: Largest gap between hand and skin that counts as touch [m].
-        joint_damping: Of every joint [N m s/rad].
-        rest_stiffness: Of the spring that pulls every joint to its rest posture [N m/rad].
-        torque_variance: Variance of each component of the random torque on the hand [N^2 m^2]; 0: none.
-        torque_hold: How long a random torque is held before the next is drawn [s]: its effect grows with this.
-        step: Of the simulation [s].
-    """
-
-    stiffness: float = 60.0
-    damping: float = 4.0
-    press: float = 0.01
-    friction: float = 0.0
-    tolerance: float = 1e-3
-    joint_damping: float = 0.025
-    rest_stiffness: float = 0.05
-    torque_variance: float = 0.0
-    torque_hold: float = 0.002
-    step: float = 0.002
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            positive = name in ("stiffness", "step", "torque_hold")
-            if not (np.isfinite(value) and (value > 0 if positive else value >= 0)):
-                raise InvalidConfig(
-                    f"drag: {name}={value!r}: give a {'positive' if positive else 'non-negative'} number"
-                )
-        whole_steps(self.torque_hold, self.step, "drag: torque_hold")
-
-
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """One motion to simulate.
+class Course:
+    """One way of the hand to simulate.
 
     Attributes:
         centres: (steps, 3) where the hand's centre is led, one each step, in the skin's link [m].
@@ -100,24 +63,26 @@ def whole_steps(duration: float, step: float, name: str) -> int:
 
 def drag(
     body: Embodiment,
-    motions: Sequence[Motion],
-    settings: DragSettings,
+    courses: Sequence[Course],
+    settings: Drag,
+    noise: Noise,
     *,
     sampling: float,
     threads: int | None = None,
 ) -> list[Float[np.ndarray, "samples p"]]:
-    """Simulates motions, each on its own, all at once.
+    """Simulates courses, each on its own, all at once.
 
     Args:
         body: The embodiment.
-        motions: What to simulate; their lengths may differ.
+        courses: What to simulate; their lengths may differ.
         settings: How the hand is dragged.
+        noise: Its torque disturbs the hand.
         sampling: Time between samples, a whole number of steps [s].
         threads: At most this many; None: as many as there are processors. The bits do not depend on it.
 
     Returns:
-        Joint values at the samples, one array a motion: its first row is the start, one row every ``sampling`` while
-        the motion lasts [rad].
+        Joint values at the samples, one array a course: its first row is the start, one row every ``sampling`` while
+        the course lasts [rad].
 
     Raises:
         InvalidConfig: A sampling time that is no whole number of steps, or a simulation that diverges.
@@ -125,7 +90,9 @@ def drag(
         Unreachable: The hand cannot reach a path's first point within the joint limits.
     """
     every = whole_steps(sampling, settings.step, "sampling")
-    if not motions:
+    # What is not drawn is not held either.
+    hold = whole_steps(noise.torque_hold, settings.step, "noise: torque_hold") if noise.torque else 1
+    if not courses:
         return []
     model = mujoco_model.build(
         body,
@@ -136,15 +103,15 @@ def drag(
         rest_stiffness=settings.rest_stiffness,
         friction=settings.friction,
     )
-    models = [_at_rest(model, motion.rest) for motion in motions]
-    state = np.stack([_state(model, start_posture(body, motion)) for motion in motions])
-    lengths = [len(motion.centres) for motion in motions]
+    models = [_at_rest(model, course.rest) for course in courses]
+    state = np.stack([_state(model, start_posture(body, course)) for course in courses])
+    lengths = [len(course.centres) for course in courses]
     steps = max(lengths) - 1
-    controls = [_Controls(body, motion, settings, steps) for motion in motions]
-    workers = min(len(motions), threads or os.cpu_count() or 1)
+    controls = [_Controls(body, course, settings, steps, noise.torque, hold) for course in courses]
+    workers = min(len(courses), threads or os.cpu_count() or 1)
     data = [mujoco.MjData(model) for _ in range(workers)]
     # A chunk ends with a sample and with a random torque's hold.
-    unit = math.lcm(every, whole_steps(settings.torque_hold, settings.step, "drag: torque_hold"))
+    unit = math.lcm(every, hold)
     chunk = unit * max(1, round(_CHUNK / settings.step / unit))
     # The state begins with the time.
     columns = 1 + mujoco_model.joint_columns(model)
@@ -173,16 +140,16 @@ def _warnings_kept_quiet() -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def start_posture(body: Embodiment, motion: Motion) -> Float[np.ndarray, "p"]:
+def start_posture(body: Embodiment, course: Course) -> Float[np.ndarray, "p"]:
     """The posture displaced least from rest in which the hand is at the path's first point.
 
     Raises:
         Unreachable: There is none within the joint limits.
     """
     lower, upper = body.felt_robot.lower, body.felt_robot.upper
-    target = torch.from_numpy(motion.centres[:1])
+    target = torch.from_numpy(course.centres[:1])
     q, reached = reach.least_displacement(
-        body.hand_in_skin_and_jacobian, target, torch.from_numpy(motion.rest), lower, upper
+        body.hand_in_skin_and_jacobian, target, torch.from_numpy(course.rest), lower, upper
     )
     if not bool(reached.all()):
         raise Unreachable("the hand cannot reach the path's first point within the joint limits")
@@ -190,28 +157,27 @@ def start_posture(body: Embodiment, motion: Motion) -> Float[np.ndarray, "p"]:
 
 
 class _Controls:
-    """The controls of one motion: targets shifted so that the damper acts on the velocity relative to the target's."""
+    """The controls of one course: targets shifted so that the damper acts on the velocity relative to the target's."""
 
-    def __init__(self, body: Embodiment, motion: Motion, settings: DragSettings, steps: int) -> None:
-        targets = motion.centres
-        if motion.press:
+    def __init__(self, body: Embodiment, course: Course, settings: Drag, steps: int, torque: float, hold: int) -> None:
+        targets = course.centres
+        if course.press:
             _, normals, _ = nearest_on_shapes(body.require_skin().shapes, targets)
             targets = targets - settings.press * normals
         velocity = np.gradient(targets, settings.step, axis=0) if len(targets) > 1 else np.zeros_like(targets)
         # MuJoCo's force is k (control - x) - d v.
         targets = targets + settings.damping / settings.stiffness * velocity
-        # A motion shorter than the longest goes on at its end, unseen.
+        # A course shorter than the longest goes on at its end, unseen.
         self.targets = np.concatenate([targets, np.repeat(targets[-1:], max(0, steps - len(targets)), axis=0)])
-        self.noise, self.deviation = motion.noise, math.sqrt(settings.torque_variance)
-        self.hold = whole_steps(settings.torque_hold, settings.step, "drag: torque_hold")
+        self.noise, self.torque, self.hold = course.noise, torque, hold
 
     def take(self, steps: slice) -> Float[np.ndarray, "steps 6"]:
         """The controls of the next steps; each is taken once, in order."""
         targets = self.targets[steps]
         torques = np.zeros_like(targets)
-        if self.deviation:
+        if self.torque:
             drawn = self.noise.standard_normal((math.ceil(len(targets) / self.hold), 3))
-            torques = self.deviation * np.repeat(drawn, self.hold, axis=0)[: len(targets)]
+            torques = self.torque * np.repeat(drawn, self.hold, axis=0)[: len(targets)]
         return np.concatenate([targets, torques], axis=1)
 
 

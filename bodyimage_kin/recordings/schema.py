@@ -23,7 +23,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from importlib import metadata
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -69,7 +68,8 @@ def make_recording(
     true_hand_position: Float[np.ndarray, "trial time space"],
     true_taxel: Int[np.ndarray, "trial time"],
     sampling: float,
-    config: Mapping[str, Any],
+    motion: str,
+    config: str,
 ) -> xr.Dataset:
     """The dataset of these arrays, with its origin as attributes.
 
@@ -85,7 +85,8 @@ def make_recording(
         true_hand_position: See the table.
         true_taxel: See the table.
         sampling: Time between samples [s].
-        config: Everything the simulation was asked for.
+        motion: Name of the motion's class.
+        config: Everything the simulation was asked for, as JSON.
     """
     arrays = {
         "q": q,
@@ -112,14 +113,14 @@ def make_recording(
         },
     )
     return recording.assign_attrs(
-        kind=str(config["kind"]),
+        motion=motion,
         embodiment=body.name,
         embodiment_sha256=body.sha256,
         urdf_sha256=body.robot.sha256,
         rows=body.require_skin().shape[0],
         columns=body.require_skin().shape[1],
         sampling=sampling,
-        config=json.dumps(dict(config), sort_keys=True),
+        config=config,
         versions=json.dumps(versions()),
     )
 

@@ -138,7 +138,7 @@ def _table_1(body: Embodiment) -> tuple[specification.Parameter, ...]:
         screen_distance=body.camera.screen.distance,
         quiet=quiet.network,
         noisy=noisy.network,
-        noise=noisy.motion.drag,
+        noise=noisy.motion.noise,
     )
 
 

@@ -22,7 +22,7 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.metrics import probes
-from bodyimage_kin.recordings import experience, simulate
+from bodyimage_kin.recordings import experience, simulate_many
 from bodyimage_kin.study import maps, scoring
 from bodyimage_kin.study.scores import CAUSES, PARTS, SCORES
 from bodyimage_kin.study.scoring import WrongResult
@@ -217,12 +217,11 @@ def _simulate(ground: Ground, body: Embodiment) -> Scene:
     kinds = {"training": ground.motion, "touch": "random_touch", "tour": "face_tour"}
     streams = [stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}", 3) for seed in ground.seeds]
     recordings = {
-        role: simulate.many(
-            kind,
+        role: simulate_many(
             body,
-            [one[index] for one in streams],
+            seeds=[one[index] for one in streams],
             threads=1,
-            **motion_arguments(ground.motions[kind if role == "training" else role]),
+            **motion_arguments(kind, ground.motions[kind if role == "training" else role]),
         )
         for index, (role, kind) in enumerate(kinds.items())
     }

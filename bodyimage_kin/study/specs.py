@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 import re
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
@@ -16,18 +17,20 @@ from bodyimage_kin import estimators
 from bodyimage_kin._named import named_class
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.metrics import probes
-from bodyimage_kin.recordings import simulate
-from bodyimage_kin.recordings.dynamics import DragSettings
+from bodyimage_kin.recordings import Drag, Noise, motions
 
 Table: TypeAlias = dict[str, Any]
 """Text -> what TOML can say."""
 
-MOTIONS: Mapping[str, Callable[..., Any]] = {
-    "circle": simulate.circle,
-    "face_tour": simulate.face_tour,
-    "random_touch": simulate.random_touch,
+MOTIONS: Mapping[str, type[motions.Motion]] = {
+    "circle": motions.Circle,
+    "face_tour": motions.FaceTour,
+    "random_touch": motions.RandomTouch,
 }
 """What can be recorded, by name."""
+_BESIDE: Table = {"trials": 1, "dynamics": True, "encoder_noise": 0.0, "image_noise": 0.0, "drag": None}
+"""Settings that a motion's table has beside the motion's own."""
+_DRAG: Table = dataclasses.asdict(Drag()) | {"torque_variance": 0.0, "torque_hold": Noise().torque_hold}
 _SHARED = ("dynamics", "drag", "encoder_noise", "image_noise", "sampling", "rest_spread", "rest_pull", "speed")
 """Settings that tour and touch take over from the motion that is learned from."""
 _TOUCH_DURATION = 80.0
@@ -71,11 +74,10 @@ def embodiment_table(spec: Any) -> Table:
 def recording_table(spec: Any) -> Table:
     """``{MOTION: settings, "touch": settings, "tour": settings}``, every setting written out.
 
-    The first is what is learned from. ``touch`` (:func:`simulate.random_touch`, here 80 s by default) is where the
-    motion's metric is taken from and maps are learned, ``tour`` (:func:`simulate.face_tour`) where displacements are
-    compared; both take over dynamics, noise and sampling of the motion learned from unless they say otherwise. Maps
-    to be published need ``touch.duration = 800.0``. TOML has no None: ``touch.reset_interval = "none"`` says that the
-    hand never returns.
+    The first is what is learned from. ``touch`` (``RandomTouch``, here 80 s by default) is where the motion's metric is
+    taken from and maps are learned, ``tour`` (``FaceTour``) where displacements are compared; both take over dynamics,
+    noise and sampling of the motion learned from unless they say otherwise. Maps to be published need
+    ``touch.duration = 800.0``. TOML has no None: ``touch.reset_interval = "none"`` says that the hand never returns.
     """
     given = {spec: {}} if isinstance(spec, str) else _table("recording", spec)
     _refuse_unknown("recording", given, (*MOTIONS, "touch", "tour"))
@@ -95,11 +97,17 @@ def recording_table(spec: Any) -> Table:
     return table
 
 
-def motion_arguments(settings: Table) -> dict[str, Any]:
-    """Settings of a motion as keywords of its function."""
-    arguments = {name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()}
-    arguments = {name: None if value == _NONE else value for name, value in arguments.items()}
-    return arguments | ({"drag": DragSettings(**settings["drag"])} if "drag" in settings else {})
+def motion_arguments(kind: str, settings: Table) -> dict[str, Any]:
+    """A motion and its settings as keywords of :func:`bodyimage_kin.simulate`."""
+    own: Table = {name: None if value == _NONE else value for name, value in settings.items() if name not in _BESIDE}
+    drag = dict(settings.get("drag", {}))
+    variance, hold = drag.pop("torque_variance", 0.0), drag.pop("torque_hold", Noise().torque_hold)
+    return {
+        "motion": MOTIONS[kind](**own),
+        "trials": settings["trials"],
+        "dynamics": Drag(**drag) if settings["dynamics"] else False,
+        "noise": Noise(math.sqrt(variance), settings["encoder_noise"], settings["image_noise"], hold),
+    }
 
 
 def build_probe(table: Table) -> probes.Probe:
@@ -269,27 +277,30 @@ def plain(what: str, value: Any) -> Any:
 
 def _motion_settings(kind: str, given: Any, instead: Table) -> Table:
     """All settings of a motion: as given, else as ``instead``, else its function's defaults."""
-    parameters = inspect.signature(MOTIONS[kind]).parameters
-    known = [name for name in parameters if name not in ("body", "seed")]
+    fields = {field.name: field for field in dataclasses.fields(MOTIONS[kind])}
+    defaults = {name: field.default for name, field in fields.items()} | _BESIDE
+    known = list(defaults)
     settings = _table(kind, given)
     _refuse_unknown(f"motion '{kind}'", settings, known)
     settings = {name: plain(f"{kind}: {name}", value) for name, value in settings.items()}
     for name, value in settings.items():
-        if value in (None, _NONE) and parameters[name].default is not None:
-            if "None" not in str(parameters[name].annotation):
+        if value in (None, _NONE) and defaults[name] is not None:
+            if name not in fields or "None" not in str(fields[name].type):
                 raise InvalidConfig(f"{kind}: {name}={value!r}: give a value")
             settings[name] = _NONE
-    found = {name: plain(name, parameters[name].default) for name in known}
+    found = {name: plain(name, default) for name, default in defaults.items()}
     found |= {name: value for name, value in instead.items() if name in known} | settings
     if found["dynamics"]:
         drag = _table("drag", found.get("drag") or {})
-        _refuse_unknown("drag", drag, [field.name for field in dataclasses.fields(DragSettings)])
-        found["drag"] = dataclasses.asdict(DragSettings(**drag))
+        _refuse_unknown("drag", drag, _DRAG)
+        found["drag"] = _DRAG | drag
     elif "drag" in settings:
         raise InvalidConfig(f"{kind}: drag: these settings are of the dynamics; use dynamics=True with them")
     else:
         found.pop("drag", None)
-    return _without_none(found)
+    found = _without_none(found)
+    motion_arguments(kind, found)
+    return found
 
 
 def _without_none(table: Table) -> Table:

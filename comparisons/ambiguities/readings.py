@@ -18,7 +18,6 @@ from world import Scores, World, of_all, of_map, of_world
 import bodyimage_kin as bk
 from bodyimage_kin.body_image import PostureToImage
 from bodyimage_kin.estimators import ConstantJacobian, LearnedJacobian, PaperMLP
-from bodyimage_kin.recordings.simulate import DragSettings
 
 URDFS = Path(__file__).parents[2] / "urdf"
 MEASURES = {
@@ -60,7 +59,7 @@ def of_seed(seed: int, duration: float) -> tuple[list[Found], float]:
         What was found, and how far the network of this comparison is from the package's, relative.
     """
     body, longer = bodies()
-    drag: dict[str, Any] = {"dynamics": True, "drag": DragSettings(torque_variance=0.01)}
+    drag: dict[str, Any] = {"dynamics": True, "noise": bk.Noise(torque=0.1)}
     settings: dict[str, dict[str, Any]] = {"kinematic": {"dynamics": False}, "noise": drag}
     kinematic = World.record(body, seed, 200, duration, **settings["kinematic"])
     noisy = World.record(body, seed, 500, duration, **drag)
@@ -198,9 +197,7 @@ def reset_interval(world: World, duration: float, settings: Mapping[str, Any]) -
     """When the integral is reset."""
     found = {"every 10 s": of_map(world, world.hand)}
     for name, interval in {"every 5 s": 5.0, "every 30 s": 30.0, "only at the start": None}.items():
-        touch = bk.simulate.random_touch(
-            world.body, seed=world.seed, duration=duration, reset_interval=interval, **settings
-        )
+        touch = bk.simulate(world.body, bk.motions.RandomTouch(duration, interval), world.seed, **settings)
         other = replace(world, touch=touch)
         found[name] = of_map(other, bk.integrate(bk.experience(touch), world.learned))
     return found
@@ -222,13 +219,13 @@ def silence(world: World) -> dict[str, Scores]:
 def noise(noisy: World, quiet: World, duration: float) -> dict[str, Scores]:
     """Noise on the hand's torque or on joint angles, and how strong."""
     found = {"torque on the hand, variance 0.01, held 2 ms": of_world(noisy)}
-    drags = {
-        "torque, standard deviation 0.01": {"torque_variance": 1e-4},
-        "torque, held 20 ms": {"torque_variance": 0.01, "torque_hold": 0.02},
-        "torque, held 100 ms": {"torque_variance": 0.01, "torque_hold": 0.1},
+    torques = {
+        "torque, standard deviation 0.01": bk.Noise(torque=0.01),
+        "torque, held 20 ms": bk.Noise(torque=0.1, torque_hold=0.02),
+        "torque, held 100 ms": bk.Noise(torque=0.1, torque_hold=0.1),
     }
-    for name, drag in drags.items():
-        world = World.record(noisy.body, noisy.seed, noisy.steps, duration, dynamics=True, drag=DragSettings(**drag))
+    for name, torque in torques.items():
+        world = World.record(noisy.body, noisy.seed, noisy.steps, duration, dynamics=True, noise=torque)
         found[name] = of_world(world)
     for name, deviation in {"0.1 rad (variance 0.01)": 0.1, "0.01 rad": 0.01, "0.001 rad": 0.001}.items():
         rng = np.random.default_rng(quiet.seed)
@@ -253,7 +250,7 @@ def circle(world: World, settings: Mapping[str, Any]) -> dict[str, Scores]:
     """Where the hand circles while it learns."""
     found = {"radius 5 cm, 3 cm in front": of_all(world, world.learned)}
     for radius, distance in ((0.05, 0.015), (0.05, 0.06), (0.05, 0.1), (0.03, 0.03)):
-        seen = bk.simulate.circle(world.body, seed=world.seed, radius=radius, distance=distance, **settings)
+        seen = bk.simulate(world.body, bk.motions.Circle(radius, distance), world.seed, **settings)
         learned = Network(steps=world.steps).fit(bk.experience(seen), world.seed)
         found[f"radius {100 * radius:g} cm, {100 * distance:g} cm in front"] = of_all(world, learned)
     return found

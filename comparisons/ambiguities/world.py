@@ -32,14 +32,14 @@ class World:
 
     @classmethod
     def record(cls, body: bk.Embodiment, seed: int, steps: int, duration: float, **settings: Any) -> World:
-        """Simulates; `settings` go to each of the three motions."""
+        """Simulates; `settings` (dynamics, noise) go to each of the three motions."""
         return cls(
             body,
             seed,
             steps,
-            bk.simulate.circle(body, seed=seed, **settings),
-            bk.simulate.face_tour(body, seed=seed, **settings),
-            bk.simulate.random_touch(body, seed=seed, duration=duration, **settings),
+            bk.simulate(body, bk.motions.Circle(), seed, **settings),
+            bk.simulate(body, bk.motions.FaceTour(), seed, **settings),
+            bk.simulate(body, bk.motions.RandomTouch(duration), seed, **settings),
         )
 
     @cached_property

@@ -20,6 +20,7 @@ import torch
 import xarray as xr
 
 import bodyimage_kin as bk
+from bodyimage_kin.recordings import simulate_many
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study import specs
 from bodyimage_kin.study.cells import stream
@@ -57,8 +58,8 @@ def setting() -> tuple[bk.Embodiment, Sequence[xr.Dataset]]:
     body = bk.load_embodiment(EMBODIMENT)
     experiences = []
     for condition, settings in CONDITIONS.items():
-        arguments = specs.motion_arguments(specs.recording_table({"circle": settings})["circle"])
-        recordings = bk.simulate.many("circle", body, recording_seeds(condition), threads=1, **arguments)
+        arguments = specs.motion_arguments("circle", specs.recording_table({"circle": settings})["circle"])
+        recordings = simulate_many(body, seeds=recording_seeds(condition), threads=1, **arguments)
         experiences += [bk.experience(recording) for recording in recordings]
     return body, experiences
 

@@ -22,12 +22,12 @@ from bodyimage_kin.body_image import BodyImage, integration, posture_som
 from bodyimage_kin.estimators import PaperMLP
 from bodyimage_kin.published.fuke2007 import blindness, cell, scene, scores
 from bodyimage_kin.published.fuke2007.conditions import MOTIONS, Settings
-from bodyimage_kin.recordings import dynamics, files, kinematic, paths
+from bodyimage_kin.recordings import dynamics, files, kinematic, motions
 
 PARTS = {
     "passive arm in MuJoCo": (dynamics, "drag"),
     "kinematic motion": (kinematic, "follow"),
-    "paths over the face": (paths, "random_touch"),
+    "paths over the face": (motions.RandomTouch, "path"),
     "postures that touch, and truth there": (scene, "probe_postures"),
     "posture map (MiniSom)": (posture_som.PostureSOM, "fit"),
     "maps": (BodyImage, "learn"),

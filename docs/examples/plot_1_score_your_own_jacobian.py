@@ -34,7 +34,7 @@ q = body.touch_postures(range(body.skin.count))  # (441, p), one posture a taxel
 true = body.hand_image_jacobian(q)
 mine = np.stack([my_jacobian(one) for one in q.numpy()])
 
-touch = bk.simulate.random_touch(body, seed=0, duration=60.0)
+touch = bk.simulate(body, bk.motions.RandomTouch(duration=60.0), seed=0)
 excitation = bk.metrics.excitation(steps, touch)
 parts = bk.metrics.attribute(true, mine, excitation.motion_metric, excitation)
 for name in ("scale", "mean_excited", "mean_unexcited", "variation", "total"):

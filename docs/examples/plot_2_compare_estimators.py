@@ -12,13 +12,8 @@ import bodyimage_kin as bk
 from bodyimage_kin.figures import style
 
 body = bk.load_embodiment("infant")
-recording = bk.simulate.circle(
-    body,
-    seed=0,
-    drag=bk.simulate.DragSettings(torque_variance=0.01),  # the paper's noise
-    encoder_noise=0.001,  # [rad]
-    image_noise=0.0002,  # [m]
-)
+noise = bk.Noise(torque=0.1, encoder=0.001, image=0.0002)  # the paper's [N m], and of the sensors [rad], [m]
+recording = bk.simulate(body, bk.motions.Circle(), seed=0, noise=noise)
 estimators = {
     "least_squares": bk.estimators.LeastSquares(),
     "paper_mlp": bk.estimators.PaperMLP(),
@@ -39,7 +34,7 @@ probes = {
     "in_front": bk.probes.Face(distance=0.03),
     "on_face": bk.probes.Face(),
 }
-touch = bk.simulate.random_touch(body, seed=0, duration=60.0)
+touch = bk.simulate(body, bk.motions.RandomTouch(duration=60.0), seed=0)
 excitation = bk.metrics.excitation(recording, touch)  # of the felt motions
 
 # %%

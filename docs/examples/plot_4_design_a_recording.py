@@ -15,12 +15,12 @@ import bodyimage_kin as bk
 
 body = bk.load_embodiment("infant")
 designs = {
-    "the paper's circle": {},
-    "ten turns, not three": {"turns": 10.0},
-    "radius 8 cm, not 5": {"radius": 0.08},
-    "torque noise": {"drag": bk.simulate.DragSettings(torque_variance=0.01)},
+    "the paper's circle": (bk.motions.Circle(), None),
+    "ten turns, not three": (bk.motions.Circle(turns=10.0), None),
+    "radius 8 cm, not 5": (bk.motions.Circle(radius=0.08), None),
+    "torque noise": (bk.motions.Circle(), bk.Noise(torque=0.1)),
 }
-touch = bk.simulate.random_touch(body, seed=0, duration=60.0)
+touch = bk.simulate(body, bk.motions.RandomTouch(duration=60.0), seed=0)
 
 # %%
 # An eigenvalue is the mean squared motion along one direction, the circle's over that of touching. A direction of less
@@ -30,8 +30,8 @@ touch = bk.simulate.random_touch(body, seed=0, duration=60.0)
 excitations = {}
 q = body.touch_postures(range(body.skin.count))
 true = body.hand_image_jacobian(q)
-for name, settings in designs.items():
-    circle = bk.simulate.circle(body, seed=0, **settings)
+for name, (motion, noise) in designs.items():
+    circle = bk.simulate(body, motion, seed=0, noise=noise)
     found = excitations[name] = bk.metrics.excitation(circle, touch)
     learned = bk.estimators.LeastSquares().fit(bk.experience(circle))
     parts = bk.metrics.attribute(true, learned.jacobian(q), found.motion_metric, found)

@@ -31,7 +31,7 @@ def test_conform_passes_a_sound_library(tmp_path, capsys):
 
 
 def test_fit_learns_and_saves(tmp_path):
-    recording = bk.simulate.circle(bk.load_embodiment("infant"), turns=0.5, dynamics=False)
+    recording = bk.simulate(bk.load_embodiment("infant"), bk.motions.Circle(turns=0.5), dynamics=False)
     bk.write_recording(recording, tmp_path / "circle.nc")
     arguments = ["fit", "LeastSquares", str(tmp_path / "circle.nc"), "--out", str(tmp_path / "learned")]
     assert cli.main(arguments) == 0

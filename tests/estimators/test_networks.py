@@ -8,7 +8,8 @@ from experiences import taught
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators import ForwardNetwork, JacobianNetwork, PostureMLP
-from bodyimage_kin.estimators._training import Training, evaluate, first_layers, held_out_arcs, slope, train
+from bodyimage_kin.estimators._hold_out import arcs, chosen
+from bodyimage_kin.estimators._training import Training, evaluate, first_layers, slope, train
 from bodyimage_kin.metrics import pooled_relative_error
 
 SPECS = [PostureMLP(steps=400), JacobianNetwork(steps=400), ForwardNetwork(steps=1500, weight_decay=0.0)]
@@ -45,7 +46,12 @@ def test_networks_trained_together_do_not_touch_each_other():
         def error(layers):
             return ((evaluate(layers, x[models]) - torch.sin(x[models])) ** 2).sum(-1)
 
-        return train(first_layers([2, 4, 2], [10 + model for model in models]), error, 50, settings)
+        return train(
+            first_layers([2, 4, 2], [10 + model for model in models]),
+            error,
+            torch.zeros(50, dtype=torch.bool),
+            settings,
+        )
 
     for alone, together in zip(learn([1]), learn([0, 1, 2]), strict=True):
         torch.testing.assert_close(alone[0], together[1], rtol=1e-9, atol=1e-12)
@@ -54,24 +60,16 @@ def test_networks_trained_together_do_not_touch_each_other():
 def test_the_weights_kept_are_those_best_on_what_was_held_out():
     x = torch.linspace(-1, 1, 40, dtype=torch.float64)[None, :, None]
     y = x + 0.5 * torch.randn(1, 40, 1, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-    held, seen = held_out_arcs(40, 0.2), []
+    held, seen = chosen(arcs(40, 10), 0.2), []
 
     def error(layers):
         squared = ((evaluate(layers, x) - y) ** 2).sum(-1)
         seen.append(float(squared[0, held].detach().mean()))
         return squared
 
-    best = train(first_layers([1, 16, 1], [0]), error, 40, Training(hidden=(16,), steps=200, learning_rate=0.1))
+    best = train(first_layers([1, 16, 1], [0]), error, held, Training(hidden=(16,), steps=200, learning_rate=0.1))
     assert float(((evaluate(best, x) - y) ** 2).sum(-1)[0, held].mean()) == min(seen[:201])
     assert min(seen) < seen[200]
-
-
-def test_held_out_are_whole_arcs():
-    held = held_out_arcs(100, 0.2)
-    assert held.sum() == 20
-    assert (held.long().diff() != 0).sum() <= 4
-    assert not held_out_arcs(100, 0.0).any()
-    assert not held_out_arcs(5, 0.2).any()
 
 
 def test_other_seeds_are_other_networks(circle):

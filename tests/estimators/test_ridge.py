@@ -8,7 +8,6 @@ from experiences import taught
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.estimators import LeastSquares, Ridge
-from bodyimage_kin.estimators._samples import arcs, choose
 
 J = np.array([[0.3, -0.1, 0.0], [0.2, 0.5, -0.4]])
 HOME = torch.zeros(3, dtype=torch.float64)
@@ -50,27 +49,6 @@ def test_the_penalty_chosen_tames_what_noise_alone_excites():
     exp = taught(dq, dr)
     error = [np.linalg.norm(spec.fit(exp).matrix.numpy() - J) for spec in (Ridge(), LeastSquares())]
     assert error[0] < 0.7 * error[1]
-
-
-def test_arcs_are_contiguous_and_even():
-    fold = arcs(23, 5)
-    assert (fold.diff() >= 0).all()
-    assert sorted(fold.unique().tolist()) == [0, 1, 2, 3, 4]
-    assert set(fold.bincount().tolist()) <= {4, 5}
-    assert arcs(3, 5).tolist() == [0, 1, 2]
-
-
-def test_what_is_chosen_was_best_on_arcs_it_did_not_learn_from():
-    seen = []
-
-    def errors(learn, predict):
-        assert not (learn & predict).any()
-        assert (learn | predict).all()
-        seen.append(predict)
-        return torch.tensor([torch.nan, 2.0, 1.0, 3.0])
-
-    assert choose(errors, 10, 5) == 2
-    assert torch.stack(seen).sum(0).tolist() == [1] * 10
 
 
 def test_one_step_is_enough_with_a_penalty_and_too_little_without():

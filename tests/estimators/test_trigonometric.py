@@ -107,7 +107,9 @@ def test_a_stated_penalty_is_the_end_of_the_same_path(circle):
 
 
 def test_depth_in_the_model_pays_out_of_sight(body):
-    exp = bk.experience(bk.simulate.circle(body, dynamics=False, seed=0, encoder_noise=1e-3, image_noise=2e-4))
+    exp = bk.experience(
+        bk.simulate(body, bk.motions.Circle(), dynamics=False, noise=bk.Noise(encoder=1e-3, image=2e-4))
+    )
     face = body.touch_postures(np.arange(0, body.skin.count, 8))
     true = body.hand_image_jacobian(face)
     error = {

@@ -12,7 +12,7 @@ from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotVisible
 from bodyimage_kin.estimators import PaperMLP
 from bodyimage_kin.figures import body_figures, style
 from bodyimage_kin.figures.specification import limbs, link_masses, table_1
-from bodyimage_kin.recordings.dynamics import DragSettings
+from bodyimage_kin.recordings import Noise
 
 URDF = Path(__file__).parents[2] / "urdf" / "infant.urdf"
 # Another body: the other arm, its first joint unfelt; the other eye; a smaller, oblong grid; names of its own.
@@ -303,7 +303,7 @@ def test_table_1_says_what_was_run_and_what_the_paper_has():
         screen_distance=0.04,
         quiet=PaperMLP(),
         noisy=PaperMLP(steps=500),
-        noise=DragSettings(torque_variance=0.01),
+        noise=Noise(torque=0.1),
     )
     assert [row.paper for row in rows] == ["40", "0.04 m", "0.2", "200", "10", "0.2", "500", "10", "0.0", "0.01"]
     assert [row.ours.split(" N")[0] for row in rows] == [row.paper for row in rows]

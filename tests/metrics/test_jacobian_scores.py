@@ -71,8 +71,11 @@ def test_tensors_arrays_and_lists_are_alike():
     expected = metrics.relative_error(TRUE, ESTIMATED)
     np.testing.assert_array_equal(metrics.relative_error(*tensors), expected)
     np.testing.assert_array_equal(metrics.relative_error(TRUE.tolist(), ESTIMATED.tolist()), expected)
-    with pytest.raises(InvalidArray, match=r"holds int64, not floats"):
-        metrics.relative_error(torch.ones(2, 2, dtype=torch.int64), ESTIMATED)
+    whole = np.arange(10).reshape(2, 5), np.ones((2, 5), dtype=np.int64)
+    assert metrics.relative_error(*whole) == metrics.relative_error(*(a.astype(float) for a in whole))
+    for wrong in (torch.ones(2, 2, dtype=torch.bool), np.ones((2, 2), complex), [["a", "b"]], torch.eye(2).to_sparse()):
+        with pytest.raises(InvalidArray, match="true"):
+            metrics.relative_error(wrong, ESTIMATED)
 
 
 @pytest.mark.parametrize(

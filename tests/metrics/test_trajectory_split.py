@@ -172,5 +172,5 @@ def test_bad_inputs_are_named():
         split(q, displacement=lambda q, dq: dq)
     with pytest.raises(InvalidArray, match="the value of estimated_jacobian"):
         split(q, lambda q: swirl(q)[:1], linear(swirl))
-    with pytest.raises(InvalidConfig, match="nodes is 0"):
+    with pytest.raises(InvalidConfig, match="nodes=0: give a whole number"):
         split(q, nodes=0)

@@ -435,7 +435,7 @@ def test_several_distances_are_trials_of_one_recording(body):
     assert seen.sizes["trial"] == len(condition.distances)
     for trial, distance in enumerate(condition.distances):
         own = kinematic.streams(0)[1 + trial]
-        alone = bk.simulate.circle(body, seed=own, dynamics=False, distance=distance, turns=0.2)
+        alone = bk.simulate(body, bk.motions.Circle(distance=distance, turns=0.2), own, dynamics=False)
         one = seen.isel(trial=[trial], time=slice(0, alone.sizes["time"]))
         xr.testing.assert_equal(one.drop_vars("trial"), alone.drop_vars("trial"))
         assert (seen["taxel"].values[trial, alone.sizes["time"] :] == -1).all()

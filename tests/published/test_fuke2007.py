@@ -93,9 +93,9 @@ def test_claims_carry_measure_interval_criterion_and_verdict(summary):
 def test_recordings_are_kept(folder):
     for motion in fuke2007.MOTIONS:
         for seed in (0, 1):
-            for kind in ("circle", "face_tour", "random_touch"):
+            for kind, cls in {"circle": "Circle", "face_tour": "FaceTour", "random_touch": "RandomTouch"}.items():
                 recording = read_recording(folder / "recordings" / f"{motion.name}_seed{seed}_{kind}.nc")
-                assert recording.attrs["kind"] == kind
+                assert recording.attrs["motion"] == cls
 
 
 def test_every_figure_is_there_twice(folder):

@@ -10,16 +10,16 @@ import pytest
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin.errors import InvalidConfig, InvalidURDF, UnknownName, Unreachable
-from bodyimage_kin.recordings import dynamics, mujoco_model, simulate
+from bodyimage_kin.errors import InvalidConfig, InvalidURDF, Unreachable
+from bodyimage_kin.recordings import Drag, Noise, dynamics, mujoco_model, simulate, simulate_many
 from bodyimage_kin.recordings.contacts import Contacts, find_contacts, nearest_on_shapes, touched_taxels
-from bodyimage_kin.recordings.dynamics import DragSettings, Motion, drag
+from bodyimage_kin.recordings.dynamics import Course, drag
+from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
 from bodyimage_kin.recordings.mujoco_model import joint_columns
-from bodyimage_kin.recordings.simulate import circle, face_tour, many, random_touch
 from bodyimage_kin.robot.shapes import Shape
 from bodyimage_kin.robot.transforms import axis_angle_matrix, transform
 
-NOISE = DragSettings(torque_variance=0.01)
+NOISE = Noise(torque=0.1)
 URDF = Path(__file__).parents[2] / "urdf"
 
 
@@ -31,7 +31,7 @@ def body():
 @pytest.fixture(scope="module")
 def touch(body):
     """20 seconds of noisy touch: q and contacts."""
-    return random_touch(body, seed=1, dynamics=True, duration=20.0, drag=NOISE)
+    return simulate(body, RandomTouch(20.0), seed=1, noise=NOISE)
 
 
 def build(body, **changes):
@@ -101,8 +101,8 @@ def test_controls_put_the_damper_on_the_velocity_relative_to_the_target(body):
     # A target that moves evenly, and a hand that moves with it: no force.
     velocity = np.array([0.01, -0.02, 0.03])
     centres = np.array([0.1, 0.0, 0.05]) + np.arange(50)[:, None] * 0.002 * velocity
-    motion = Motion(centres, body.felt_home.numpy(), np.random.default_rng(0))
-    controls = dynamics._Controls(body, motion, DragSettings(), 49).take(slice(0, 49))
+    course = Course(centres, body.felt_home.numpy(), np.random.default_rng(0))
+    controls = dynamics._Controls(body, course, Drag(), 49, 0.0, 1).take(slice(0, 49))
     assert np.abs(60.0 * (controls[:, :3] - centres[:49]) - 4.0 * velocity).max() < 1e-9
     assert not controls[:, 3:].any()
 
@@ -162,7 +162,7 @@ def test_rest_is_an_equilibrium_of_the_springs(body):
 
 
 def test_the_arm_starts_on_the_path_and_follows_it(body):
-    led, dragged = (circle(body, seed=2, turns=0.5, dynamics=dynamics) for dynamics in (False, True))
+    led, dragged = (simulate(body, Circle(turns=0.5), seed=2, dynamics=dynamics) for dynamics in (False, True))
     assert np.abs(led.true_q[0, 0] - dragged.true_q[0, 0]).max() < 1e-9
     count = min(led.sizes["time"], dragged.sizes["time"])
     apart = (led.true_hand_position - dragged.true_hand_position)[:, :count]
@@ -171,8 +171,8 @@ def test_the_arm_starts_on_the_path_and_follows_it(body):
 
 
 def test_halving_the_step_changes_the_circle_little(body):
-    coarse = circle(body, seed=2, dynamics=True)
-    fine = circle(body, seed=2, dynamics=True, drag=DragSettings(step=0.001))
+    coarse = simulate(body, Circle(), seed=2)
+    fine = simulate(body, Circle(), seed=2, dynamics=Drag(step=0.001))
     count = min(coarse.sizes["time"], fine.sizes["time"])
     apart = np.abs((coarse.true_q - fine.true_q).values[:, :count]).max()
     assert apart < 4e-4
@@ -184,7 +184,7 @@ def test_the_hand_slides_on_the_skin_and_hardly_enters_it(body, touch):
     assert contacts.penetration.max() < 1e-3
     assert (touch.true_taxel >= 0).mean() > 0.95
     assert len(np.unique(touch.true_taxel)) > 50
-    quiet = face_tour(body, dynamics=True)
+    quiet = simulate(body, FaceTour())
     contacts = find_contacts(body.skin, hand_in_skin(body, quiet.true_q.values[0]), body.hand.radius)
     assert contacts.penetration.max() < 1e-4
     assert (quiet.true_taxel >= 0).all()
@@ -192,7 +192,7 @@ def test_the_hand_slides_on_the_skin_and_hardly_enters_it(body, touch):
 
 
 def test_touches_are_where_the_hand_is_led(body):
-    tour = face_tour(body, dynamics=True)
+    tour = simulate(body, FaceTour())
     visited = body.skin.coordinates(tour.true_taxel.values[0])
     for name in ("mouth", "nose", "right_eye", "left_eye"):
         place = body.skin.coordinates(np.array([body.skin.landmarks[name]]))
@@ -204,8 +204,8 @@ def test_joints_stop_at_their_limits(body):
     share = np.linspace(0.0, 1.0, 2501)[:, None]
     start = body.touch_centres([220]).numpy()
     for way in ([0.0, -0.2, -0.2], [-0.1, 0.2, -0.1]):
-        motion = Motion(start + share * way, body.felt_home.numpy(), np.random.default_rng(0))
-        q = drag(body, [motion], DragSettings(), sampling=0.1)[0]
+        course = Course(start + share * way, body.felt_home.numpy(), np.random.default_rng(0))
+        q = drag(body, [course], Drag(), Noise(), sampling=0.1)[0]
         beyond = np.maximum(body.felt_robot.lower.numpy() - q, q - body.felt_robot.upper.numpy())
         assert 0.0 < beyond.max() < 1e-3, way
 
@@ -215,9 +215,8 @@ def test_joints_stop_at_their_limits(body):
 
 @pytest.mark.parametrize("hold", [1, 5])
 def test_torques_have_the_stated_distribution_and_hold(body, hold):
-    settings = DragSettings(torque_variance=0.01, torque_hold=hold * 0.002)
-    motion = Motion(np.zeros((20001, 3)), body.felt_home.numpy(), np.random.default_rng(0))
-    controls = dynamics._Controls(body, motion, settings, 20000)
+    course = Course(np.zeros((20001, 3)), body.felt_home.numpy(), np.random.default_rng(0))
+    controls = dynamics._Controls(body, course, Drag(), 20000, 0.1, hold)
     torques = np.concatenate([controls.take(slice(0, 15000)), controls.take(slice(15000, 20000))])[:, 3:]
     assert np.array_equal(torques, np.repeat(torques[::hold], hold, axis=0))
     drawn = torques[::hold]
@@ -231,25 +230,25 @@ def test_torques_have_the_stated_distribution_and_hold(body, hold):
 def test_each_trial_has_torques_of_its_own_and_they_move_no_path(body, monkeypatch):
     seen = []
 
-    def spy(body, motions, settings, **others):
-        seen.append(motions)
-        return drag(body, motions, settings, **others)
+    def spy(body, courses, *others, **more):
+        seen.append(courses)
+        return drag(body, courses, *others, **more)
 
-    monkeypatch.setattr(simulate, "drag", spy)
-    for settings in (DragSettings(), NOISE):
-        random_touch(body, trials=2, duration=1.0, dynamics=True, drag=settings)
+    monkeypatch.setattr(dynamics, "drag", spy)
+    for noise in (None, NOISE):
+        simulate(body, RandomTouch(1.0), trials=2, noise=noise)
     quiet, noisy = seen
     for one, other in zip(quiet, noisy, strict=True):
         assert np.array_equal(one.centres, other.centres)
         assert np.array_equal(one.rest, other.rest)
-    assert not np.array_equal(*(motion.noise.standard_normal(9) for motion in noisy))
-    assert not np.array_equal(*(motion.rest for motion in noisy))
+    assert not np.array_equal(*(course.noise.standard_normal(9) for course in noisy))
+    assert not np.array_equal(*(course.rest for course in noisy))
 
 
 def test_noise_excites_what_a_quiet_circle_leaves_still(body):
     quiet, noisy = (
-        np.linalg.svd(np.diff(circle(body, dynamics=True, drag=settings).q.values[0], axis=0), compute_uv=False)
-        for settings in (DragSettings(), NOISE)
+        np.linalg.svd(np.diff(simulate(body, Circle(), noise=noise).q.values[0], axis=0), compute_uv=False)
+        for noise in (None, NOISE)
     )
     assert quiet[4] / quiet[0] < 0.02
     assert noisy[4] / noisy[0] > 0.1
@@ -259,34 +258,35 @@ def test_noise_excites_what_a_quiet_circle_leaves_still(body):
 
 
 def test_threads_and_company_change_no_bit(body):
-    settings = {"dynamics": True, "duration": 11.0, "drag": NOISE}
-    one = random_touch(body, seed=7, **settings)
-    three = random_touch(body, seed=7, trials=3, **settings)
+    motion = RandomTouch(11.0)
+    one = simulate(body, motion, seed=7, noise=NOISE)
+    three = simulate(body, motion, seed=7, trials=3, noise=NOISE)
     assert one.true_q.identical(three.true_q[:1])
     assert one.taxel.identical(three.taxel[:1])
     for threads in (1, 2):
-        together = many("random_touch", body, [6, 7, 8], threads=threads, **settings)
+        together = simulate_many(body, motion, [6, 7, 8], noise=NOISE, threads=threads)
         assert together[1].identical(one)
         assert together[0].attrs["config"] != one.attrs["config"]
     assert not np.allclose(three.true_q[0, 1:], three.true_q[1, 1:])
 
 
 def test_a_shorter_motion_beside_a_longer_one_is_the_same(body):
-    def motion(count):
+    def course(count):
         centres = np.repeat(body.touch_centres([220])[:1].numpy(), count, axis=0)
-        return Motion(centres, body.felt_home.numpy(), np.random.default_rng(3), press=True)
+        return Course(centres, body.felt_home.numpy(), np.random.default_rng(3), press=True)
 
-    alone = drag(body, [motion(5201)], NOISE, sampling=0.1)[0]
-    beside = drag(body, [motion(6001), motion(5201)], NOISE, sampling=0.1)
+    alone = drag(body, [course(5201)], Drag(), NOISE, sampling=0.1)[0]
+    beside = drag(body, [course(6001), course(5201)], Drag(), NOISE, sampling=0.1)
     assert [len(q) for q in beside] == [121, 105]
     assert np.array_equal(alone, beside[1])
     assert np.array_equal(alone, beside[0][:105])
 
 
 def test_many_without_dynamics_is_one_at_a_time(body):
-    for recording, seed in zip(many("circle", body, [1, 2], dynamics=False, trials=2, turns=0.1), [1, 2], strict=True):
-        assert recording.identical(circle(body, seed=seed, dynamics=False, trials=2, turns=0.1))
-    assert many("circle", body, []) == []
+    motion, both = Circle(turns=0.1), [1, 2]
+    for recording, seed in zip(simulate_many(body, motion, both, trials=2, dynamics=False), both, strict=True):
+        assert recording.identical(simulate(body, motion, seed, trials=2, dynamics=False))
+    assert simulate_many(body, motion, []) == []
 
 
 # Contacts ------------------------------------------------------------------------------------------------------------
@@ -382,7 +382,7 @@ def test_back_of_the_head_and_free_hand_touch_no_taxel(body):
 
 
 def test_recordings_tell_how_they_were_made(body, touch, tmp_path):
-    assert json.loads(touch.attrs["config"])["drag"]["torque_variance"] == 0.01
+    assert json.loads(touch.attrs["config"])["noise"]["torque"] == 0.1
     bk.write_recording(touch, tmp_path / "touch.nc")
     assert bk.read_recording(tmp_path / "touch.nc").identical(touch)
     assert np.isnan(touch.hand_image).all()
@@ -391,35 +391,15 @@ def test_recordings_tell_how_they_were_made(body, touch, tmp_path):
     assert np.linalg.norm(images - touch.reference_image.values, axis=1).mean() < 5e-3
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"stiffness": 0.0}, "stiffness"),
-        ({"damping": -1.0}, "damping"),
-        ({"torque_variance": float("nan")}, "torque_variance"),
-        ({"torque_hold": 0.003}, "torque_hold"),
-    ],
-)
-def test_bad_settings_are_named(settings, message):
-    with pytest.raises(InvalidConfig, match=message):
-        DragSettings(**settings)
-
-
-def test_bad_questions_are_refused(body):
-    with pytest.raises(InvalidConfig, match="dynamics=True"):
-        circle(body, dynamics=False, drag=DragSettings())
+def test_paths_that_cannot_be_dragged_along_are_refused(body):
     with pytest.raises(InvalidConfig, match="does not see the hand"):
-        circle(body, dynamics=True, turns=0.1, distance=0.0)
+        simulate(body, Circle(turns=0.1, distance=0.0))
     with pytest.raises(Unreachable, match="cannot reach"):
-        circle(body, dynamics=True, turns=0.02, radius=0.5)
+        simulate(body, Circle(turns=0.02, radius=0.5))
     with pytest.raises(InvalidConfig, match="sampling"):
-        circle(body, dynamics=True, sampling=0.1001)
-    with pytest.raises(UnknownName, match="circle"):
-        many("circel", body, [0])
-    with pytest.raises(InvalidConfig, match="threads"):
-        many("circle", body, [0], threads=0)
-    with pytest.raises(InvalidConfig, match="duration"):
-        many("circle", body, [0], duration=3.0)
+        simulate(body, Circle(sampling=0.1001))
+    with pytest.raises(InvalidConfig, match="torque_hold"):
+        simulate(body, Circle(turns=0.1), noise=Noise(torque=0.1, torque_hold=0.003))
 
 
 def test_robots_that_cannot_be_dragged_are_refused(tmp_path):
@@ -440,9 +420,9 @@ def test_robots_that_cannot_be_dragged_are_refused(tmp_path):
 @pytest.mark.parametrize("trials", [1, 3])
 def test_a_simulation_that_diverges_says_so_and_leaves_no_log(body, trials, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
-    unstable = DragSettings(stiffness=1e8, step=0.01, torque_hold=0.01)
-    with pytest.raises(InvalidConfig, match="step"):
-        circle(body, trials=trials, dynamics=True, turns=0.1, drag=unstable)
+    unstable = Drag(stiffness=1e8, step=0.01)
+    with pytest.raises(InvalidConfig, match="the dynamics diverge with drag: step"):
+        simulate(body, Circle(turns=0.1), trials=trials, dynamics=unstable)
     assert not list(tmp_path.iterdir())
     assert not capfd.readouterr().err
     assert mujoco.get_mju_user_warning() is None

@@ -14,12 +14,12 @@ from bodyimage_kin.published.fuke2007 import PARTS
 
 @pytest.fixture(scope="module")
 def seen():
-    return bk.simulate.circle(bk.load_embodiment("infant"), seed=3, dynamics=True)
+    return bk.simulate(bk.load_embodiment("infant"), bk.motions.Circle(), seed=3)
 
 
 @pytest.fixture(scope="module")
 def use(body):
-    touch = bk.simulate.random_touch(body, seed=3, duration=40.0, dynamics=True)
+    touch = bk.simulate(body, bk.motions.RandomTouch(duration=40.0), seed=3)
     return np.diff(touch.q.values[0], axis=0)
 
 

@@ -21,6 +21,7 @@ ENCODER, IMAGE = 2e-3, 5e-4
 SEEDS, ENTROPY = (3, 8), 7
 CIRCLE, TOUCH, TOUR = {"turns": 1.0}, {"duration": 20.0}, {"speed": 0.2}
 FELT = {"dynamics": False, "encoder_noise": ENCODER, "image_noise": IMAGE}
+NOISE = bk.Noise(encoder=ENCODER, image=IMAGE)
 ESTIMATORS = {"rational": bk.estimators.RationalTrig(), "paper": bk.estimators.PaperMLP(steps=30)}
 PROBES = ("on_circle", "in_front", "on_face", "joint_space")
 JOINT_SPACE = 60
@@ -57,9 +58,9 @@ class Recomputed:
     def __init__(self, body, seed):
         self.body, self.seed = body, seed
         circle, touch, tour = stream(f"infant/noisy/{seed}", 3)
-        self.circle = bk.simulate.circle(body, seed=circle, **CIRCLE, **FELT)
-        self.touch = bk.simulate.random_touch(body, seed=touch, **TOUCH, **FELT)
-        self.tour = bk.simulate.face_tour(body, seed=tour, **TOUR, **FELT)
+        self.circle = bk.simulate(body, bk.motions.Circle(**CIRCLE), circle, dynamics=False, noise=NOISE)
+        self.touch = bk.simulate(body, bk.motions.RandomTouch(**TOUCH), touch, dynamics=False, noise=NOISE)
+        self.tour = bk.simulate(body, bk.motions.FaceTour(**TOUR), tour, dynamics=False, noise=NOISE)
         everywhere = range(body.skin.count)
         self.probes = {
             "on_circle": torch.from_numpy(self.circle["true_q"].values[0]),

@@ -61,7 +61,7 @@ def test_a_study_is_read_as_it_was_written(tmp_path):
             "odd": odd_estimators.Odd("nan"),
             "plain": {"odd_estimators:Plain": {"scale": 2.0}},
         },
-        recordings={"dragged": {"circle": {"dynamics": True, "drag": bk.simulate.DragSettings(torque_variance=0.01)}}},
+        recordings={"dragged": {"circle": {"dynamics": True, "drag": {"torque_variance": 0.01}}}},
         time_limit=9.5,
         seeds=[7, 3],
     )
@@ -92,9 +92,9 @@ def test_a_hand_that_never_returns_can_be_written(never, tmp_path):
     )
     study.to_toml(tmp_path / "study.toml")
     assert Study.from_toml(tmp_path / "study.toml") == study
-    settings = specs.motion_arguments(study.recordings["still"]["touch"])
-    assert settings["reset_interval"] is None
-    touch = bk.simulate.random_touch(bk.load_embodiment("infant"), **settings)
+    settings = specs.motion_arguments("random_touch", study.recordings["still"]["touch"])
+    assert settings["motion"].reset_interval is None
+    touch = bk.simulate(bk.load_embodiment("infant"), **settings)
     resets = touch["at_reference"].values[0]
     assert resets[0]
     assert int((np.diff(resets.astype(int)) > 0).sum()) == 0
@@ -193,10 +193,9 @@ def test_seeds_differ_and_estimators_share_their_recordings(done):
     _, results, store = done
     assert len(np.unique(results["relative_error"].sel(estimator="flat", probe="on_face"))) == 3
     recording = read_recording(store / "recordings/infant/still/seed1_training.nc")
-    assert recording.attrs["kind"] == "circle"
-    again = bk.simulate.circle(
-        bk.load_embodiment("infant"), turns=0.5, dynamics=False, seed=json.loads(recording.attrs["config"])["seed"]
-    )
+    assert recording.attrs["motion"] == "Circle"
+    seed = json.loads(recording.attrs["config"])["seed"]
+    again = bk.simulate(bk.load_embodiment("infant"), bk.motions.Circle(turns=0.5), seed, dynamics=False)
     np.testing.assert_array_equal(again["q"], recording["q"])
 
 

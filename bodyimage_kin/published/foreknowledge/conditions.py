@@ -9,8 +9,7 @@ from typing import Any
 import xarray as xr
 
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.recordings import simulate
-from bodyimage_kin.recordings.simulate import DragSettings
+from bodyimage_kin.recordings import Noise, motions, simulate
 from bodyimage_kin.study.cells import stream
 
 
@@ -27,7 +26,7 @@ class Condition:
         radius: Of the circle [m].
         turns: Each way, of each trial.
         dynamics: A passive arm in a dynamics simulator, or kinematic motion with the least joint displacement.
-        torque_noise: Variance of the random torque on the hand [(N m)^2].
+        torque_noise: Standard deviation of the random torque on the hand, with dynamics [N m].
         encoder_noise: Standard deviation of the noise on felt joint values [rad].
         image_noise: Standard deviation of the noise on the felt hand image [m].
     """
@@ -38,21 +37,21 @@ class Condition:
     radius: float = 0.05
     turns: float = 3.0
     dynamics: bool = True
-    torque_noise: float = 0.01
+    torque_noise: float = 0.1
     encoder_noise: float = 0.0
     image_noise: float = 0.0
 
     def circle(self, body: Embodiment, seed: int) -> xr.Dataset:
         """The recording in sight; several distances are as many trials of it."""
         trials = [
-            simulate.circle(body, seed=own, distance=distance, radius=self.radius, turns=self.turns, **self._settings)
+            simulate(body, motions.Circle(self.radius, distance, self.turns), own, **self._settings)
             for own, distance in zip(self.streams(seed)[1:], self.distances, strict=True)
         ]
         return _one_recording(trials)
 
     def touch(self, body: Embodiment, seed: int, duration: float) -> xr.Dataset:
         """The recording out of sight, moved likewise."""
-        return simulate.random_touch(body, seed=self.streams(seed)[0], duration=duration, **self._settings)
+        return simulate(body, motions.RandomTouch(duration), self.streams(seed)[0], **self._settings)
 
     def streams(self, seed: int) -> list[int]:
         """Seeds of touch, then of each circle: the first ones are those of every other condition."""
@@ -60,12 +59,8 @@ class Condition:
 
     @property
     def _settings(self) -> dict[str, Any]:
-        return {
-            "dynamics": self.dynamics,
-            "drag": DragSettings(torque_variance=self.torque_noise) if self.dynamics else None,
-            "encoder_noise": self.encoder_noise,
-            "image_noise": self.image_noise,
-        }
+        torque = self.torque_noise if self.dynamics else 0.0
+        return {"dynamics": self.dynamics, "noise": Noise(torque, self.encoder_noise, self.image_noise)}
 
 
 def _one_recording(trials: Sequence[xr.Dataset]) -> xr.Dataset:

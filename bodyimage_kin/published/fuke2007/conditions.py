@@ -7,11 +7,10 @@ the paper's own two pairs are marked.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators import PaperMLP
-from bodyimage_kin.recordings.simulate import DragSettings
+from bodyimage_kin.recordings import Noise
 
 PROBES = ("on_circle", "in_front", "on_face")
 """Posture sets that leave what was seen step by step: seen postures, taxels 3 cm off, taxels touched."""
@@ -28,7 +27,7 @@ class Motion:
     Attributes:
         name: Its name in files.
         dynamics: A passive arm in a dynamics simulator, or kinematic motion with the least joint displacement.
-        torque_noise: Variance of the random torque on the hand [(N m)^2].
+        torque_noise: Standard deviation of the random torque on the hand [N m].
     """
 
     name: str
@@ -36,14 +35,9 @@ class Motion:
     torque_noise: float = 0.0
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """As keywords of the functions in :mod:`bodyimage_kin.recordings.simulate`."""
-        return {"dynamics": self.dynamics, "drag": self.drag}
-
-    @property
-    def drag(self) -> DragSettings | None:
-        """How the hand is dragged; None without dynamics."""
-        return DragSettings(torque_variance=self.torque_noise) if self.dynamics else None
+    def noise(self) -> Noise:
+        """What disturbs the arm."""
+        return Noise(torque=self.torque_noise)
 
 
 @dataclass(frozen=True)
@@ -71,7 +65,7 @@ class Condition:
 MOTIONS = (
     Motion("kinematic", dynamics=False),
     Motion("noise_free", dynamics=True),
-    Motion("noisy", dynamics=True, torque_noise=0.01),
+    Motion("noisy", dynamics=True, torque_noise=0.1),
 )
 _KINEMATIC, _NOISE_FREE, _NOISY = MOTIONS
 CONDITIONS = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from bodyimage_kin import metrics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import PostureSOM
 from bodyimage_kin.published.fuke2007.conditions import Motion, Settings
-from bodyimage_kin.recordings import experience, paths, simulate, write_recording
+from bodyimage_kin.recordings import experience, motions, simulate, write_recording
 from bodyimage_kin.study.maps import POSTURE_GRID, Lesson, seen_range
 
 _IN_FRONT = 0.03
@@ -56,13 +56,13 @@ class Scene:
 
 def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, folder: Path) -> Scene:
     """Simulates, and writes the recordings into the folder, ``MOTION_seedSEED_KIND.nc``."""
-    felt = {"encoder_noise": settings.encoder_noise, "image_noise": settings.image_noise}
-    asked: dict[str, Any] = {"seed": seed, **motion.settings, **felt}
-    circle = simulate.circle(body, **asked)
-    tour = simulate.face_tour(body, **asked)
-    touch = simulate.random_touch(body, duration=settings.touch_duration, **asked)
-    for recording in (circle, tour, touch):
-        write_recording(recording, folder / f"{motion.name}_seed{seed}_{recording.attrs['kind']}.nc")
+    noise = replace(motion.noise, encoder=settings.encoder_noise, image=settings.image_noise)
+    asked: dict[str, Any] = {"seed": seed, "dynamics": motion.dynamics, "noise": noise}
+    circle = simulate(body, motions.Circle(), **asked)
+    tour = simulate(body, motions.FaceTour(), **asked)
+    touch = simulate(body, motions.RandomTouch(settings.touch_duration), **asked)
+    for kind, recording in {"circle": circle, "face_tour": tour, "random_touch": touch}.items():
+        write_recording(recording, folder / f"{motion.name}_seed{seed}_{kind}.nc")
     probes = probe_postures(body, circle)
     touching = touch["true_q"].values[0][touch["true_taxel"].values[0] >= 0]
     return Scene(
@@ -120,7 +120,7 @@ def jacobian_change(scene: Scene) -> float:
 
 def _closed_loop(body: Embodiment) -> Float[torch.Tensor, "time p"]:
     """Postures over the landmarks of the face and back to the first: each place has one posture, so the loop closes."""
-    stops = [*simulate.TOUR, simulate.TOUR[0]]
-    path = paths.face_tour(body, landmarks=stops, speed=0.05, sampling=0.1)
+    tour = motions.FaceTour(landmarks=(*motions.TOUR, motions.TOUR[0]))
+    path = tour.path(body, np.random.default_rng(0), tour.sampling)
     postures, _ = body.reach(torch.from_numpy(path.centres))
     return torch.cat([postures, postures[:1]])

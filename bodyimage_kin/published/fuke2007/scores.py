@@ -17,7 +17,7 @@ from bodyimage_kin.body_image import BodyImage, expected_map, integrate
 from bodyimage_kin.estimators import LearnedJacobian, pairs
 from bodyimage_kin.published.fuke2007.conditions import PARTS, PROBES
 from bodyimage_kin.published.fuke2007.scene import Scene
-from bodyimage_kin.recordings import experience, simulate
+from bodyimage_kin.recordings import experience, motions
 
 GAMMA = 40.0
 """Scaling factor of the taxels' activation (Table 1)."""
@@ -163,7 +163,7 @@ def _relations_kept(scene: Scene, integrated: Float[np.ndarray, "time m"]) -> fl
     """Share of the relations between landmarks (left of, above; true by a centimetre) that an estimated tour keeps."""
     true = scene.tour["true_hand_image"].values[0]
     places = scene.true_map.reshape(-1, scene.body.m)[
-        [scene.body.require_skin().landmarks[name] for name in sorted(set(simulate.TOUR))]
+        [scene.body.require_skin().landmarks[name] for name in sorted(set(motions.TOUR))]
     ]
     visits = [int(np.linalg.norm(true - place, axis=1).argmin()) for place in places]
     apart = places[:, None] - places[None]

@@ -88,9 +88,9 @@ def maps(rounds: int) -> list[dict[str, Any]]:
 def networks(rounds: int) -> list[dict[str, Any]]:
     """The paper's network on its visible circle, a hundred seeds of 500 descent steps."""
     from bodyimage_kin.estimators import PaperMLP
-    from bodyimage_kin.recordings import experience, simulate
+    from bodyimage_kin.recordings import experience, motions, simulate
 
-    felt = experience(simulate.circle(load_embodiment("infant", backend="numba"), seed=0))
+    felt = experience(simulate(load_embodiment("infant", backend="numba"), motions.Circle(), seed=0))
     seeds = range(100)
     fit = partial(PaperMLP(steps=500).fit_many, [felt] * len(seeds), seeds)
     what = f"the paper's network: {len(seeds)} seeds, {felt.sizes['time'] - 1} samples"

@@ -1,0 +1,231 @@
+"""What the hand does: the three motions of the paper, and the base of any other.
+
+A motion is a frozen spec. It says where the hand is led; :func:`bodyimage_kin.simulate` says how the arm follows, what
+is felt of it and what disturbs it. A motion of your own is a frozen dataclass with a ``path``::
+
+    @dataclass(frozen=True)
+    class Wave(bk.motions.Motion):
+        height: float = 0.05
+        in_view: ClassVar[bool] = True
+
+        def path(self, body, rng, sampling):
+            return bk.motions.Path(centres)  # (time, 3) in the skin's link [m]
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bodyimage_kin import _checks
+from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.recordings.paths import Path, Timeline
+
+__all__ = ["TOUR", "Circle", "FaceTour", "Motion", "Path", "RandomTouch"]
+
+TOUR = ("mouth", "nose", "right_eye", "left_eye", "nose")
+"""The paper's sequence of landmarks (section 4.1)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion(abc.ABC):
+    """What the hand does, and how it is sampled.
+
+    A class says by two attributes what the paper's protocol demands of it; an embodiment that cannot keep to it is
+    refused. ``in_view``: the eye sees the hand in every sample. ``touches``: the hand is on the skin all the time, and
+    the eye sees it in none; with dynamics it is pressed on.
+
+    Attributes:
+        speed: Of the hand [m/s].
+        sampling: Time between samples [s].
+        rest_spread: Each trial's rest posture is home plus a uniform draw of this half width a joint [rad].
+        rest_pull: Rate at which joints return to rest where the hand leaves them free [1/s]; without dynamics.
+    """
+
+    speed: float = 0.05
+    sampling: float = 0.1
+    rest_spread: float = 0.1
+    rest_pull: float = 0.5
+    in_view: ClassVar[bool] = False
+    touches: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        self._positive("speed", "sampling")
+        self._not_negative("rest_spread", "rest_pull")
+
+    @property
+    def silence(self) -> float:
+        """Probability that a touch is not reported; a motion may have a setting of this name."""
+        return 0.0
+
+    @abc.abstractmethod
+    def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
+        """The path of one trial.
+
+        Args:
+            body: The embodiment.
+            rng: Draws whatever differs from trial to trial.
+            sampling: Time between the path's samples [s]; with dynamics they are finer than the recording's.
+        """
+
+    def _positive(self, *names: str) -> None:
+        self._check(names, above=0.0)
+
+    def _not_negative(self, *names: str) -> None:
+        self._check(names, least=0.0)
+
+    def _check(self, names: tuple[str, ...], **bounds: Any) -> None:
+        """Makes fields plain numbers, within bounds."""
+        for name in names:
+            value = _checks.number(f"{type(self).__name__}: {name}", getattr(self, name), **bounds)
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True)
+class Circle(Motion):
+    """Circles in front of the face, in view, as many one way as the other: what a Jacobian is learned from (Fig. 7).
+
+    Each trial begins at a phase of its own. The circle is frontal; its centre lies on the line through the hand's
+    centre on the middle taxel.
+
+    Attributes:
+        radius: Of the circle [m].
+        distance: In front of touching, along the face's forward direction [m].
+        turns: Each way.
+    """
+
+    radius: float = 0.05
+    distance: float = 0.03
+    turns: float = 3.0
+    in_view: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("radius", "turns")
+        self._not_negative("distance")
+
+    def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
+        """The circles, from a random phase."""
+        skin = body.require_skin()
+        patch = skin.patch
+        middle = (skin.shape[0] // 2) * skin.shape[1] + skin.shape[1] // 2
+        centre = body.touch_centres([middle], self.distance)[0].numpy()
+        way = 2 * np.pi * self.turns
+        duration = way * self.radius / self.speed
+        times = np.arange(0.0, 2 * duration + 1e-9, sampling)
+        turned = np.where(times <= duration, times, 2 * duration - times) * self.speed / self.radius
+        angle = rng.uniform(0, 2 * np.pi) + turned
+        # Clockwise first, as the eye behind the screen sees it: right, then down.
+        aside = np.cos(angle)[:, None] * patch.right + np.sin(angle)[:, None] * patch.down
+        return Path(centre + self.radius * aside)
+
+
+@dataclass(frozen=True)
+class FaceTour(Motion):
+    """The hand visits landmarks of the face, touching it: where velocities are compared (Figs. 8 and 9).
+
+    Each stroke along the skin has a minimum-jerk profile, ``10 s^3 - 15 s^4 + 6 s^5`` (Flash and Hogan 1985);
+    ``speed`` is its mean.
+
+    Attributes:
+        landmarks: Two or more names of landmarks of the skin, in order.
+        silence: Probability that a touch is not reported.
+    """
+
+    landmarks: Sequence[str] = TOUR
+    silence: float = 0.0
+    touches: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check(("silence",), least=0.0, most=1.0)
+        listed = isinstance(self.landmarks, list | tuple)
+        if not (listed and all(isinstance(name, str) for name in self.landmarks)):
+            _checks.refuse("FaceTour: landmarks", self.landmarks, "names of landmarks in a list")
+        if len(self.landmarks) < 2:
+            _checks.refuse("FaceTour: landmarks", self.landmarks, "two landmarks or more")
+        object.__setattr__(self, "landmarks", tuple(self.landmarks))
+
+    def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
+        """The strokes, the same in every trial.
+
+        Raises:
+            UnknownName: A landmark the skin does not have.
+        """
+        skin = body.require_skin()
+        for name in self.landmarks:
+            if name not in skin.landmarks:
+                raise UnknownName("landmark", name, skin.landmarks)
+        stops = skin.coordinates(np.array([skin.landmarks[name] for name in self.landmarks]))
+        timeline = Timeline(body, self.speed)
+        for start, end in itertools.pairwise(stops):
+            timeline.stroke(start, end, lambda s: 10 * s**3 - 15 * s**4 + 6 * s**5)
+        return timeline.sampled(sampling, timeline.clock)
+
+
+@dataclass(frozen=True)
+class RandomTouch(Motion):
+    """The hand slides over the face from one random taxel to the next: what maps are learned from (section 4.2).
+
+    Targets are uniform over all taxels. The hand starts at rest at the reference; it sets out to return there at the
+    first target after each multiple of ``reset_interval``.
+
+    Attributes:
+        duration: [s].
+        reset_interval: Time between returns to the reference [s]; None: it never returns.
+        rest: How long the hand rests at the reference [s].
+        silence: Probability that a touch is not reported (0.2 in the paper).
+    """
+
+    duration: float = 800.0
+    reset_interval: float | None = 10.0
+    rest: float = 0.5
+    silence: float = 0.2
+    touches: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("duration", "rest", *(() if self.reset_interval is None else ("reset_interval",)))
+        self._check(("silence",), least=0.0, most=1.0)
+
+    def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
+        """Strokes between random taxels."""
+        skin = body.require_skin()
+        reference = skin.coordinates(np.array([skin.reference]))[0]
+        timeline = Timeline(body, self.speed)
+        timeline.rest(reference, self.rest)
+        here, next_reset = reference, self.reset_interval
+        while timeline.clock < self.duration:
+            if next_reset is not None and self.reset_interval is not None and timeline.clock >= next_reset:
+                timeline.stroke(here, reference)
+                timeline.rest(reference, self.rest)
+                here = reference
+                next_reset += self.reset_interval * max(1, np.ceil((timeline.clock - next_reset) / self.reset_interval))
+                continue
+            target = skin.coordinates(rng.integers(skin.count, size=1))[0]
+            timeline.stroke(here, target)
+            here = target
+        return timeline.sampled(sampling, self.duration - sampling / 2)
+
+
+def written(motion: object) -> dict[str, dict[str, Any]]:
+    """A motion as a table, ``{CLASS: {field: value}}``: the class by name, or as ``package.module:Class``.
+
+    Raises:
+        InvalidConfig: No motion, or one whose own settings cannot be told.
+    """
+    if not isinstance(motion, Motion):
+        named = f"{motion.__name__} (the class)" if isinstance(motion, type) else type(motion).__name__
+        raise InvalidConfig(f"motion is {named}; give a motion, such as bk.motions.Circle()")
+    cls = type(motion)
+    if "__dataclass_fields__" not in vars(cls):
+        raise InvalidConfig(f"motion {cls.__name__} is no dataclass; write @dataclass(frozen=True) above the class")
+    name = cls.__name__ if cls.__module__ == __name__ else f"{cls.__module__}:{cls.__qualname__}"
+    return {name: {field.name: getattr(motion, field.name) for field in dataclasses.fields(motion)}}
