@@ -116,12 +116,14 @@ def as_postures(q: ArrayLike, n: int, what: str = "posture q") -> torch.Tensor:
     return tensor
 
 
-def refuse_not_finite(q: torch.Tensor, what: str = "posture q") -> None:
-    """Raises InvalidPosture when a value is NaN or infinite."""
+def refuse_not_finite(
+    q: torch.Tensor, what: str = "posture q", error: type[BodyImageKinError] = InvalidPosture
+) -> None:
+    """Raises the error when a value is NaN or infinite."""
     # One reduction: a sum of zeros is zero, a NaN or an infinity times zero is not.
     if not bool((q * 0.0).sum() == 0.0):
         bad = int((~torch.isfinite(q)).reshape(-1, q.shape[-1]).any(-1).sum())
-        raise InvalidPosture(f"{what} has NaN or infinite values in {bad} of {q[..., 0].numel()} postures")
+        raise error(f"{what} has NaN or infinite values in {bad} of {q[..., 0].numel()} postures")
 
 
 def to_numpy(values: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:

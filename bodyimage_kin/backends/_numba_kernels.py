@@ -40,8 +40,9 @@ COLUMN, PRISMATIC, INTO = range(3)
 
 X, Y, Z, ORIGIN, SIN, COS, ANGLE, ZERO, ONE, SLOTS = 0, 3, 6, 9, 12, 13, 14, 15, 16, 18
 """Rows of the scratch: the moving frame (0 to 11), one joint's angle, constants; from row SLOTS on, a slot a joint."""
-CAMERA, ACROSS, DOWN, IMAGE, DEPTH, IMAGE_SLOTS = 18, 30, 33, 36, 38, 39
-"""Rows that only images need: the camera's frame, the derivative of the image by the hand's place, the image."""
+CAMERA, ACROSS, DOWN, AHEAD, IMAGE, DEPTH, IMAGE_SLOTS = 18, 30, 33, 36, 39, 41, 42
+"""Rows that only images need: the camera's frame, the derivative of the image by the hand's place (two rows of three,
+three where the image is the point itself), and the image; beside it the depth, which is the point's third number."""
 SLOT = 6
 """Rows of a slot: the joint's axis and a point on it, then what they give: its angular and its linear column."""
 
@@ -388,7 +389,77 @@ def _project(s, screen_distance):
             scale * (y1 - y * z1),
             scale * (y2 - y * z2),
         )
-        s[36 * L + i], s[37 * L + i], s[38 * L + i] = screen_distance * x, screen_distance * y, depth
+        s[39 * L + i], s[40 * L + i], s[41 * L + i] = screen_distance * x, screen_distance * y, depth
+
+
+@compiled
+@no_type_check
+def _look(s):
+    """From the hand (moving frame) and the camera's frame: the point in the camera's axes, which is what moves."""
+    for i in range(L):
+        d0, d1, d2 = s[9 * L + i] - s[27 * L + i], s[10 * L + i] - s[28 * L + i], s[11 * L + i] - s[29 * L + i]
+        for row in range(3):
+            a, b, c = s[(18 + 3 * row) * L + i], s[(19 + 3 * row) * L + i], s[(20 + 3 * row) * L + i]
+            s[(30 + 3 * row) * L + i], s[(31 + 3 * row) * L + i], s[(32 + 3 * row) * L + i] = a, b, c
+            s[(39 + row) * L + i] = a * d0 + b * d1 + c * d2
+
+
+@compiled
+@no_type_check
+def _distort(s, lens):
+    """As :func:`_project`, for a pinhole: focal lengths, principal point, k1, k2, p1, p2, k3, and the largest s."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3, most = (
+        lens[0],
+        lens[1],
+        lens[2],
+        lens[3],
+        lens[4],
+        lens[5],
+        lens[6],
+        lens[7],
+        lens[8],
+        lens[9],
+    )
+    for i in range(L):
+        d0, d1, d2 = s[9 * L + i] - s[27 * L + i], s[10 * L + i] - s[28 * L + i], s[11 * L + i] - s[29 * L + i]
+        x0, x1, x2 = s[18 * L + i], s[19 * L + i], s[20 * L + i]
+        y0, y1, y2 = s[21 * L + i], s[22 * L + i], s[23 * L + i]
+        z0, z1, z2 = s[24 * L + i], s[25 * L + i], s[26 * L + i]
+        depth = z0 * d0 + z1 * d1 + z2 * d2
+        u, v = (x0 * d0 + x1 * d1 + x2 * d2) / depth, (y0 * d0 + y1 * d1 + y2 * d2) / depth
+        aside = u * u + v * v
+        scale = 1.0 + aside * (k1 + aside * (k2 + aside * k3)) + 2.0 * (p1 * v + p2 * u)
+        steep = 2.0 * (k1 + aside * (2.0 * k2 + aside * (3.0 * k3)))
+        # What has no image becomes NaN, and its Jacobian too.
+        scale = scale if depth > 0.0 and aside < most else np.nan
+        xu = scale + u * u * steep + 4.0 * p2 * u
+        xv = u * v * steep + 2.0 * (p1 * u + p2 * v)
+        yv = scale + v * v * steep + 4.0 * p1 * v
+        a, b, c = fx * xu / depth, fx * xv / depth, -fx * (xu * u + xv * v) / depth
+        s[30 * L + i], s[31 * L + i], s[32 * L + i] = (
+            a * x0 + b * y0 + c * z0,
+            a * x1 + b * y1 + c * z1,
+            a * x2 + b * y2 + c * z2,
+        )
+        a, b, c = fy * xv / depth, fy * yv / depth, -fy * (xv * u + yv * v) / depth
+        s[33 * L + i], s[34 * L + i], s[35 * L + i] = (
+            a * x0 + b * y0 + c * z0,
+            a * x1 + b * y1 + c * z1,
+            a * x2 + b * y2 + c * z2,
+        )
+        s[39 * L + i] = fx * (u * scale + p2 * aside) + cx
+        s[40 * L + i] = fy * (v * scale + p1 * aside) + cy
+        s[41 * L + i] = depth
+
+
+@compiled
+@no_type_check
+def _move(s, aside, first, count):
+    """Move the origin of the moving frame by (B, 3), given in its own axes."""
+    for i in range(count):
+        a, b, c = aside[first + i, 0], aside[first + i, 1], aside[first + i, 2]
+        for row in range(3):
+            s[(9 + row) * L + i] += a * s[row * L + i] + b * s[(3 + row) * L + i] + c * s[(6 + row) * L + i]
 
 
 @compiled
@@ -403,35 +474,51 @@ def _image_column(s, v):
 
 @compiled
 @no_type_check
-def image_and_jacobian(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian):
-    """Image (B, 2) and depth (B,) of the hand, and the image's Jacobian (B, 2, p), written; nothing is checked.
+def _point_column(s, v):
+    """As :func:`_image_column`, in the camera's axes, into the slot's first three rows."""
+    for i in range(L):
+        v0, v1, v2 = v[3 * L + i], v[4 * L + i], v[5 * L + i]
+        v[i] = s[30 * L + i] * v0 + s[31 * L + i] * v1 + s[32 * L + i] * v2
+        v[L + i] = s[33 * L + i] * v0 + s[34 * L + i] * v1 + s[35 * L + i] * v2
+        v[2 * L + i] = s[36 * L + i] * v0 + s[37 * L + i] * v1 + s[38 * L + i] * v2
+
+
+@compiled
+@no_type_check
+def image_and_jacobian(q, aside, hand, camera, joints, lens, jacobian_rows, image, depth, jacobian):
+    """Image (B, m) and depth (B,) of the hand, and the image's Jacobian (B, m, p), written; nothing is checked.
+
+    What the image is depends on how many numbers the lens has. One: the distance of a virtual screen [m]. Ten: those of
+    a pinhole (:func:`_distort`). None: the image is the hand in the camera's axes itself, m = 3.
 
     A joint that carries the camera moves the hand, as seen, like one that carries the hand the other way: its column
     is minus the velocity it would give to the point of the camera's body where the hand is.
 
     Args:
         q: Postures (B, n).
+        aside: (B, 3), from the hand's centre to the observed point, in the hand's link [m]; (0, 3): it is the centre.
         hand: Constants of the chain to the hand's centre, (m + 2, CONSTANTS), from where the two chains part.
         camera: Constants of the chain to the camera, (c + 2, CONSTANTS).
         joints: (m + c, 3), the hand's first.
-        screen_distance: From the optical centre to the screen [m].
-        jacobian_rows: (2 p,) where in the scratch the rows begin that make up an image Jacobian.
-        image: Written [m on the screen].
-        depth: Written [m]; the image means nothing where it is not positive.
+        lens: What projects.
+        jacobian_rows: (m p,) where in the scratch the rows begin that make up an image Jacobian.
+        image: Written [m on the screen, px or m]; a pinhole's is NaN where there is none.
+        depth: Written [m]; a screen's image means nothing where it is not positive.
         jacobian: Written.
 
     Returns:
         How many values of q are NaN or infinite, in whatever columns.
     """
     scratch = _scratch(IMAGE_SLOTS + SLOT * joints.shape[0])
-    return _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian, scratch)
+    return _image_blocks(q, aside, hand, camera, joints, lens, jacobian_rows, image, depth, jacobian, scratch)
 
 
 @compiled
 @no_type_check
-def _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image, depth, jacobian, scratch):
+def _image_blocks(q, aside, hand, camera, joints, lens, jacobian_rows, image, depth, jacobian, scratch):
     """As :func:`_pose_blocks`."""
     m = hand.shape[0] - 2
+    rows = image.shape[1]
     s = _view(scratch, 0, IMAGE_SLOTS * L)
     not_finite = 0
     for first in range(0, q.shape[0], L):
@@ -441,16 +528,29 @@ def _image_blocks(q, hand, camera, joints, screen_distance, jacobian_rows, image
         for i in range((ORIGIN + 3) * L):
             s[CAMERA * L + i] = s[i]
         _run(q, first, count, hand, joints[:m], scratch, IMAGE_SLOTS)
-        _project(s, screen_distance)
+        if aside.shape[0] > 0:
+            _move(s, aside, first, count)
+        if lens.shape[0] == 1:
+            _project(s, lens[0])
+        elif lens.shape[0] > 1:
+            _distort(s, lens)
+        else:
+            _look(s)
         for j in range(joints.shape[0]):
             v = _view(scratch, (IMAGE_SLOTS + SLOT * j) * L, SLOT * L)
             _column(s, v, joints[j, PRISMATIC])
-            _image_column(s, v)
+            if rows == 2:
+                _image_column(s, v)
+            else:
+                _point_column(s, v)
             multiplier = hand[j + 1, MULTIPLIER] if j < m else -camera[j - m + 1, MULTIPLIER]
-            _fold(scratch, IMAGE_SLOTS, j, joints[j, INTO], multiplier, 2)
+            _fold(scratch, IMAGE_SLOTS, j, joints[j, INTO], multiplier, rows)
         for i in range(count):
             image[first + i, 0], image[first + i, 1] = s[IMAGE * L + i], s[(IMAGE + 1) * L + i]
             depth[first + i] = s[DEPTH * L + i]
+        if rows == 3:
+            for i in range(count):
+                image[first + i, 2] = s[DEPTH * L + i]
         _write(scratch, jacobian_rows, jacobian, first, count)
     return not_finite
 

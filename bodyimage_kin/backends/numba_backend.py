@@ -113,20 +113,22 @@ class NumbaBackend:
         hand_offset: Sequence[float],
         camera_link: str,
         link_T_camera: Float[np.ndarray, "4 4"],
-        screen_distance: float,
+        lens: Sequence[float],
         columns: Sequence[int] | None = None,
     ) -> HandImage:
-        """What computes the image of a hand on the screen of a camera, and its Jacobian, in one go.
+        """What computes the image of a hand in a camera, and its Jacobian, in one go.
 
         Args:
             hand_link: The link that carries the hand.
             hand_offset: The hand's centre in that link [m].
             camera_link: The link that carries the camera; it may move.
             link_T_camera: Where the camera is in its link: x right, y down, z forward.
-            screen_distance: From the optical centre to the screen [m].
+            lens: One number: the distance of a virtual screen [m]. Ten: a pinhole's focal lengths and principal point
+                [px], its distortion k1, k2, p1, p2 and k3, and the square of the tangent from which on it has no image.
+                None at all: the image is the hand in the camera's axes [m].
             columns: Indices (p,) in q of the columns of the Jacobian; None: all n.
         """
-        return HandImage(self.robot, hand_link, hand_offset, camera_link, link_T_camera, screen_distance, columns)
+        return HandImage(self.robot, hand_link, hand_offset, camera_link, link_T_camera, lens, columns)
 
 
 class HandImage:
@@ -139,11 +141,13 @@ class HandImage:
         hand_offset: Sequence[float],
         camera_link: str,
         link_T_camera: Float[np.ndarray, "4 4"],
-        screen_distance: float,
+        lens: Sequence[float],
         columns: Sequence[int] | None = None,
     ) -> None:
         self._n = robot.n
-        self._screen_distance = float(screen_distance)
+        self._offset = np.array(hand_offset, dtype=np.float64)
+        self._lens = np.array(lens, dtype=np.float64)
+        self._m = 2 if len(lens) else 3
         to_hand, to_camera = robot.path(hand_link), robot.path(camera_link)
         # What carries both moves neither, as the camera sees it.
         common = 0
@@ -153,7 +157,7 @@ class HandImage:
         camera = _Chain.along(robot, to_camera[common:], np.asarray(link_T_camera, dtype=np.float64))
         joints = np.concatenate([hand.joints, camera.joints])
         _share_columns(joints)
-        every = _column_rows(joints, robot.n, kernels.IMAGE_SLOTS, (0, 1))
+        every = _column_rows(joints, robot.n, kernels.IMAGE_SLOTS, range(self._m))
         rows = every if columns is None else every[:, list(columns)]
         self._p = rows.shape[1]
         self._chains = hand.constants, camera.constants, joints
@@ -162,17 +166,20 @@ class HandImage:
     def image_and_jacobian(
         self,
         q: Float64[Tensor, "batch n"],
-        out: tuple[Float64[Tensor, "batch 2"], Float64[Tensor, "batch"], Float64[Tensor, "batch 2 p"]] | None = None,
-    ) -> tuple[Float64[Tensor, "batch 2"], Float64[Tensor, "batch"], Float64[Tensor, "batch 2 p"]]:
-        """Where the hand is on the screen, how deep it is, and how motion moves its image (equations 17 to 19).
+        out: tuple[Float64[Tensor, "batch m"], Float64[Tensor, "batch"], Float64[Tensor, "batch m p"]] | None = None,
+        offsets: Float64[Tensor, "batch 3"] | None = None,
+    ) -> tuple[Float64[Tensor, "batch m"], Float64[Tensor, "batch"], Float64[Tensor, "batch m p"]]:
+        """Where the hand is seen, how deep it is, and how motion moves its image (equations 17 to 19).
 
         Args:
             q: Postures (batch, n) [rad or m].
             out: Tensors to write into, contiguous; None: new ones.
+            offsets: The observed point of each posture, in the hand's link [m]; None: the hand's centre.
 
         Returns:
-            Image [m on the screen], depth [m] along the camera's axis, and the Jacobian of the image. Where the depth
-            is not positive, image and Jacobian mean nothing: the caller has to look.
+            Image [m on the screen, px, or m], depth [m] along the camera's axis, and the Jacobian of the image. Where a
+            pinhole sees nothing both are NaN; where the depth is not positive, those of a virtual screen mean nothing:
+            the caller has to look.
 
         Raises:
             InvalidPosture: Another number of joints, not float64, or a value that is not finite.
@@ -181,12 +188,14 @@ class HandImage:
         """
         values = _values(q, self._n)
         batch = len(values)
-        image, depth, jacobian = _outputs(((batch, 2), (batch,), (batch, 2, self._p)), out)
+        image, depth, jacobian = _outputs(((batch, self._m), (batch,), (batch, self._m, self._p)), out)
+        aside = np.empty((0, 3)) if offsets is None else offsets.contiguous().numpy() - self._offset
 
         def run(part: slice) -> int:
             return kernels.image_and_jacobian(
-                values[part], *self._chains, self._screen_distance, self._rows, image[part], depth[part], jacobian[part]
-            )
+                values[part], aside[part], *self._chains, self._lens, self._rows, image[part], depth[part],
+                jacobian[part],
+            )  # fmt: skip
 
         if _in_threads(run, batch):
             refuse_not_finite(q)

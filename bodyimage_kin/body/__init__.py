@@ -9,5 +9,6 @@ from bodyimage_kin.body.embodiment import Embodiment as Embodiment
 from bodyimage_kin.body.embodiment import Hand as Hand
 from bodyimage_kin.body.file import embodiments as embodiments
 from bodyimage_kin.body.file import load_embodiment as load_embodiment
+from bodyimage_kin.body.pinhole import Pinhole as Pinhole
 from bodyimage_kin.body.skin import Patch as Patch
 from bodyimage_kin.body.skin import Skin as Skin

@@ -14,7 +14,7 @@ _ROUNDING, _TYPED = 1e-14, 1e-6
 
 
 def rigid(field: str, value: ArrayLike) -> Float[np.ndarray, "4 4"]:
-    """A 4x4 transform of a rotation and a translation [m].
+    """A 4x4 transform of a rotation and a translation [m], copied.
 
     A rotation that is orthogonal to six digits only, as one copied from a table is, becomes the nearest exact one.
 
@@ -25,7 +25,7 @@ def rigid(field: str, value: ArrayLike) -> Float[np.ndarray, "4 4"]:
     Raises:
         InvalidConfig: Not 4x4, not finite, a last row other than 0 0 0 1, or a rotation that is none.
     """
-    matrix = as_float_array(value, field, shapes=((4, 4),), error=InvalidConfig)
+    matrix = as_float_array(value, field, shapes=((4, 4),), error=InvalidConfig).copy()
     if not np.isfinite(matrix).all():
         raise InvalidConfig(f"{field} has values that are not finite; give a 4x4 transform of rotation and translation")
     if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
@@ -40,6 +40,5 @@ def rigid(field: str, value: ArrayLike) -> Float[np.ndarray, "4 4"]:
         raise InvalidConfig(f"{field}: its rotation mirrors (determinant -1); turn one axis round")
     if off > _ROUNDING:
         left, _, right = np.linalg.svd(rotation)
-        matrix = matrix.copy()
         matrix[:3, :3] = left @ right
     return matrix

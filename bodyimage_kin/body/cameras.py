@@ -59,7 +59,7 @@ class CameraModel(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Camera:
     """A camera on a link: of the arm, of a felt neck, or the robot's root for one that stands in the world.
 
@@ -77,11 +77,10 @@ class Camera:
     link_T_camera: Float[Tensor, "4 4"]
     model: CameraModel
 
-    def __post_init__(self) -> None:
-        text("camera link", self.link)
-        pose: ArrayLike = self.link_T_camera
-        object.__setattr__(self, "link_T_camera", torch.from_numpy(rigid("link_T_camera", pose).copy()))
-        check_model("camera model", self.model)
+    def __init__(self, link: str, link_T_camera: ArrayLike, model: CameraModel) -> None:
+        object.__setattr__(self, "link", text("camera link", link))
+        object.__setattr__(self, "link_T_camera", torch.from_numpy(rigid("link_T_camera", link_T_camera)))
+        object.__setattr__(self, "model", check_model("camera model", model))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
@@ -184,7 +183,7 @@ class Tracker:
         return points.isfinite().all(-1)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Stereo:
     """Two cameras of one mount: the image is the left one's, then the right one's.
 
@@ -201,11 +200,10 @@ class Stereo:
     right: CameraModel
     left_T_right: Float[Tensor, "4 4"]
 
-    def __post_init__(self) -> None:
-        check_model("left", self.left)
-        check_model("right", self.right)
-        pose: ArrayLike = self.left_T_right
-        object.__setattr__(self, "left_T_right", torch.from_numpy(rigid("left_T_right", pose).copy()))
+    def __init__(self, left: CameraModel, right: CameraModel, left_T_right: ArrayLike) -> None:
+        object.__setattr__(self, "left", check_model("left", left))
+        object.__setattr__(self, "right", check_model("right", right))
+        object.__setattr__(self, "left_T_right", torch.from_numpy(rigid("left_T_right", left_T_right)))
         if self.left.unit != self.right.unit:
             raise InvalidConfig(
                 f"the left camera speaks {self.left.unit}, the right one {self.right.unit}; give two of one unit"
@@ -260,8 +258,8 @@ class Stereo:
         return (points - pose[:3, 3]) @ pose[:3, :3]
 
 
-def check_model(field: str, model: object) -> None:
-    """Refuses a model that lacks part of :class:`CameraModel`, or whose answers have other shapes.
+def check_model(field: str, model: object) -> CameraModel:
+    """The model itself; refused if it lacks part of :class:`CameraModel`, or whose answers have other shapes.
 
     Args:
         field: Its name in an error.
@@ -284,3 +282,4 @@ def check_model(field: str, model: object) -> None:
         if not isinstance(found, Tensor) or tuple(found.shape) != shape:
             came = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
             raise InvalidConfig(f"{field}.{name}: of points (2, 3) comes {came}; give a tensor {shape} [{unit}]")
+    return model

@@ -10,24 +10,31 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures
+from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures, refuse_not_finite
+from bodyimage_kin._checks import choice
 from bodyimage_kin.backends import RobotKinematics, somebody_differentiates
 from bodyimage_kin.body import reach
 from bodyimage_kin.body._reach_kernels import point_in_frame
+from bodyimage_kin.body._sight import Seen, Sight
 from bodyimage_kin.body.cameras import Camera, VirtualScreen
 from bodyimage_kin.body.skin import Skin
-from bodyimage_kin.errors import InvalidConfig, InvalidPosture, NoSkin, NotVisible, UnknownName, Unreachable
+from bodyimage_kin.errors import (
+    InvalidArray,
+    InvalidConfig,
+    InvalidPosture,
+    NoSkin,
+    NotVisible,
+    UnknownName,
+    Unreachable,
+)
 from bodyimage_kin.robot import Robot, shapes
-
-if TYPE_CHECKING:
-    from bodyimage_kin.backends.numba_backend import HandImage
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,101 +138,151 @@ class Embodiment:
 
     # What the eye sees -----------------------------------------------------------------------------------------------
 
-    def hand_position(self, q: ArrayLike) -> Float[Tensor, "*batch 3"]:
-        """The hand's centre in the root [m]."""
-        position, _, _ = self._point(q, self.hand.link, self.hand.offset)
+    def hand_position(self, q: ArrayLike, hand_offset: ArrayLike | None = None) -> Float[Tensor, "*batch 3"]:
+        """The hand's centre in the root [m].
+
+        Args:
+            q: Postures ``(*batch, p)``.
+            hand_offset: As in :meth:`hand_image`.
+
+        Raises:
+            InvalidPosture: As in :meth:`hand_image`.
+            InvalidArray: As in :meth:`hand_image`.
+        """
+        q = as_postures(q, self.p)
+        position, _, _ = self._point(q, self.hand.link, self._offset(q, hand_offset))
         return position
 
-    def hand_in_camera(self, q: ArrayLike) -> Float[Tensor, "*batch 3"]:
-        """The hand's centre in the camera's axes [m]: ``c = R (p_h - p_c)`` (equation 17)."""
+    def hand_in_camera(self, q: ArrayLike, hand_offset: ArrayLike | None = None) -> Float[Tensor, "*batch 3"]:
+        """The hand's centre in the camera's axes [m]: ``c = R (p_h - p_c)`` (equation 17).
+
+        Args:
+            q: Postures ``(*batch, p)``.
+            hand_offset: As in :meth:`hand_image`.
+
+        Raises:
+            InvalidPosture: As in :meth:`hand_image`.
+            InvalidArray: As in :meth:`hand_image`.
+        """
         q = as_postures(q, self.p)
-        hand, _, _ = self._point(q, self.hand.link, self.hand.offset)
+        hand, _, _ = self._point(q, self.hand.link, self._offset(q, hand_offset))
         camera, root_R_camera, _ = self._camera(q)
         return (root_R_camera.transpose(-1, -2) @ (hand - camera)[..., None])[..., 0]
 
     def hand_image(
-        self, q: ArrayLike, on_invisible: Literal["raise", "nan"] | str = "raise"
+        self,
+        q: ArrayLike,
+        hand_offset: ArrayLike | None = None,
+        on_invisible: Literal["raise", "nan"] | str = "raise",
     ) -> Float[Tensor, "*batch m"]:
-        """Where the hand is on the virtual screen [m], differentiable (equations 6 and 17 to 19).
+        """What the camera reports of the hand, in its unit, differentiable (equations 6 and 17 to 19).
 
         Args:
             q: Postures ``(*batch, p)``.
-            on_invisible: What happens when the hand is not in front of the camera plane (z <= 0).
+            hand_offset: Another point that is observed in place of the hand's centre, (3,) or ``(*batch, 3)`` in the
+                hand's link [m]; None: the hand's centre.
+            on_invisible: What happens when the hand has no image: it is not in front of the camera plane (z <= 0), or
+                so far aside that the lens' distortion has turned back.
 
         Raises:
-            NotVisible: A depth that is not positive, with ``on_invisible="raise"``.
+            NotVisible: No image, with ``on_invisible="raise"``.
             InvalidPosture: Wrong last axis, dtype, or a value that is not finite.
+            InvalidArray: A ``hand_offset`` of another shape, or not finite.
         """
-        if on_invisible not in ("raise", "nan"):
-            raise InvalidConfig(f"on_invisible={on_invisible!r}; valid: 'raise', 'nan'")
+        choice("on_invisible", on_invisible, ("raise", "nan"))
         q = as_postures(q, self.p)
-        if (seen := self._seen(q)) is not None:
-            image, depth, _ = seen
-            behind = depth <= 0.0
-            if not bool(behind.any()):
-                return image
-            if on_invisible == "raise":
-                self._refuse_behind(depth)
-            return image.masked_fill(behind[..., None], torch.nan)
-        point = self.hand_in_camera(q)
+        if (seen := self._seen(q, hand_offset, with_jacobian=False)) is not None:
+            self._told(seen.none, on_invisible)
+            return seen.image
+        image = self.camera.model.project(self.hand_in_camera(q, hand_offset))
         if on_invisible == "raise":
-            self._refuse_behind(point[..., 2])
-        return self.camera.model.project(point)
+            self._told(image.isnan().any(-1), on_invisible)
+        return image
 
-    def hand_image_jacobian(self, q: ArrayLike) -> Float[Tensor, "*batch m p"]:
-        """How the hand image moves with the felt joints [m/rad]: the analytic truth.
+    def hand_image_jacobian(
+        self,
+        q: ArrayLike,
+        hand_offset: ArrayLike | None = None,
+        on_invisible: Literal["raise", "nan"] | str = "raise",
+    ) -> Float[Tensor, "*batch m p"]:
+        """How the hand image moves with the felt joints [unit of the image/rad]: the analytic truth.
 
         With everything in the root's axes, hand point p_h and camera at p_c::
 
-            dc = R (J_vh - [R_link o]x J_wh - J_vc + [p_h - p_c]x J_wc) dq,   A = h_z/z [[1, 0, -x/z], [0, 1, -y/z]]
+            dc = R (J_vh - [R_link o]x J_wh - J_vc + [p_h - p_c]x J_wc) dq
+
+        and then the derivative of the camera's projection; of the virtual screen it is
+        ``h_z/z [[1, 0, -x/z], [0, 1, -y/z]]``.
 
         Args:
             q: Postures ``(*batch, p)``.
+            hand_offset: As in :meth:`hand_image`; fixed in the hand's link.
+            on_invisible: As in :meth:`hand_image`.
 
         Raises:
-            NotVisible: A depth that is not positive.
+            NotVisible: As in :meth:`hand_image`.
             InvalidPosture: As in :meth:`hand_image`.
+            InvalidArray: As in :meth:`hand_image`.
         """
+        choice("on_invisible", on_invisible, ("raise", "nan"))
         q = as_postures(q, self.p)
-        if (seen := self._seen(q)) is not None:
-            _, depth, jacobian = seen
-            self._refuse_behind(depth)
-            return jacobian
-        hand, _, hand_jacobian = self._point(q, self.hand.link, self.hand.offset)
+        if (seen := self._seen(q, hand_offset, with_jacobian=True)) is not None:
+            self._told(seen.none, on_invisible)
+            return seen.jacobian
+        hand, _, hand_jacobian = self._point(q, self.hand.link, self._offset(q, hand_offset))
         camera, root_R_camera, camera_jacobian = self._camera(q)
         away = hand - camera
         camera_R_root = root_R_camera.transpose(-1, -2)
         point = (camera_R_root @ away[..., None])[..., 0]
-        self._refuse_behind(point[..., 2])
         linear, angular = camera_jacobian[..., :3, :], camera_jacobian[..., 3:, :]
         turned = torch.linalg.cross(away[..., None].expand_as(angular), angular, dim=-2)
         moved = camera_R_root @ (hand_jacobian[..., :3, :] - linear + turned)
-        return self.camera.model.derivative(point) @ moved
+        jacobian = self.camera.model.derivative(point) @ moved
+        if on_invisible == "raise":
+            self._told(jacobian.isnan().flatten(-2).any(-1), on_invisible)
+        return jacobian
 
-    def visible(self, q: ArrayLike) -> Bool[Tensor, "*batch"]:
+    def visible(self, q: ArrayLike, hand_offset: ArrayLike | None = None) -> Bool[Tensor, "*batch"]:
         """Whether the eye sees the hand.
 
-        The hand's centre is beyond the near plane, inside the cone about the camera's axis, and the segment from the
-        eye (the landmark on the skin) to it does not pass through the shapes of the skin's link.
+        The camera's model says so (a virtual screen: the hand's centre is beyond the near plane, inside the cone about
+        the camera's axis), and, of a body with a skin, the segment from the eye (the landmark on the skin) to the hand
+        does not pass through the shapes of the skin's link.
 
         Args:
             q: Postures ``(*batch, p)``.
+            hand_offset: As in :meth:`hand_image`.
+
+        Raises:
+            InvalidPosture: As in :meth:`hand_image`.
+            InvalidArray: As in :meth:`hand_image`.
         """
         q = as_postures(q, self.p)
         with torch.no_grad():
-            in_view = self.camera.model.visible(self.hand_in_camera(q))
+            in_view = self.camera.model.visible(self.hand_in_camera(q, hand_offset))
             if self.skin is None:
                 return in_view
-            in_skin = self.hand_in_skin(q).reshape(-1, 3).to(torch.float64).numpy()
+            in_skin = self.hand_in_skin(q, hand_offset).reshape(-1, 3).to(torch.float64).numpy()
         eye = np.broadcast_to(self.skin.link_positions[self.skin.eye], in_skin.shape)
         hidden = torch.from_numpy(shapes.blocked(self.skin.shapes, eye, in_skin))
         return in_view & ~hidden.reshape(in_view.shape)
 
-    def hand_in_skin(self, q: ArrayLike) -> Float[Tensor, "*batch 3"]:
-        """The hand's centre in the axes of the skin's link [m]."""
+    def hand_in_skin(self, q: ArrayLike, hand_offset: ArrayLike | None = None) -> Float[Tensor, "*batch 3"]:
+        """The hand's centre in the axes of the skin's link [m].
+
+        Args:
+            q: Postures ``(*batch, p)``.
+            hand_offset: As in :meth:`hand_image`.
+
+        Raises:
+            NoSkin: The body has none.
+            InvalidPosture: As in :meth:`hand_image`.
+            InvalidArray: As in :meth:`hand_image`.
+        """
+        link = self.require_skin().link
         q = as_postures(q, self.p)
-        hand, _, _ = self._point(q, self.hand.link, self.hand.offset)
-        skin, _ = self._pose_and_jacobian(q, self.require_skin().link)
+        hand, _, _ = self._point(q, self.hand.link, self._offset(q, hand_offset))
+        skin, _ = self._pose_and_jacobian(q, link)
         return (skin[..., :3, :3].transpose(-1, -2) @ (hand - skin[..., :3, 3])[..., None])[..., 0]
 
     # What the hand reaches -------------------------------------------------------------------------------------------
@@ -318,12 +375,12 @@ class Embodiment:
         return self._fixed_poses[link]
 
     def _point(
-        self, q: ArrayLike, link: str, offset: Float[Tensor, "3"]
+        self, q: ArrayLike, link: str, offset: Float[Tensor, "*given 3"]
     ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 6 p"]]:
         """A point fixed in a link: its position and the link's orientation in the root, and the point's Jacobian."""
         pose, jacobian = self._pose_and_jacobian(as_postures(q, self.p), link)
         rotation = pose[..., :3, :3]
-        arm = (rotation @ offset.to(pose)[:, None])[..., 0]
+        arm = (rotation @ offset.to(pose)[..., None])[..., 0]
         linear, angular = jacobian[..., :3, :], jacobian[..., 3:, :]
         moved = linear - torch.linalg.cross(arm[..., None].expand_as(angular), angular, dim=-2)
         return pose[..., :3, 3] + arm, rotation, torch.cat([moved, angular], dim=-2)
@@ -335,39 +392,47 @@ class Embodiment:
         position, rotation, jacobian = self._point(q, self.camera.link, self.camera.link_T_camera[:3, 3])
         return position, rotation @ self.camera.link_T_camera[:3, :3].to(rotation), jacobian
 
-    @cached_property
-    def _sight(self) -> HandImage | None:
-        """What computes image, depth and image Jacobian in one go, where the backend has such a thing."""
-        backend: Any = self.kinematics.backend
-        model = self.camera.model
-        if not isinstance(model, VirtualScreen) or not hasattr(backend, "hand_image"):
-            return None
-        if backend.robot is not self.felt_robot:
-            return None
-        return backend.hand_image(
-            self.hand.link,
-            self.hand.offset.tolist(),
-            self.camera.link,
-            self.camera.link_T_camera.numpy(),
-            model.distance,
-        )
+    def _offset(self, q: Float[Tensor, "*batch p"], hand_offset: ArrayLike | None) -> Float[Tensor, "*given 3"]:
+        """The observed point in the hand's link, (3,) or one a posture."""
+        if hand_offset is None:
+            return self.hand.offset
+        offset = as_float_tensor(hand_offset, "hand_offset").to(q)
+        if tuple(offset.shape) not in ((3,), (*q.shape[:-1], 3)):
+            raise InvalidArray(
+                f"hand_offset has shape {tuple(offset.shape)}; give (3,), or one for each of the postures "
+                f"{tuple(q.shape[:-1])}: {(*q.shape[:-1], 3)}"
+            )
+        refuse_not_finite(offset, "hand_offset", InvalidArray)
+        return offset
 
-    def _seen(
-        self, q: Float[Tensor, "*batch p"]
-    ) -> tuple[Float[Tensor, "*batch m"], Float[Tensor, "*batch"], Float[Tensor, "*batch m p"]] | None:
-        """Image, depth [m] and image Jacobian of the hand in one go, where nobody differentiates them."""
+    @cached_property
+    def _sight(self) -> Sight | None:
+        return Sight.of(self.kinematics, self.hand.link, self.hand.offset, self.camera)
+
+    def _seen(self, q: Float[Tensor, "*batch p"], hand_offset: ArrayLike | None, with_jacobian: bool) -> Seen | None:
+        """What the camera reports, in one go, where nobody differentiates it."""
         if self._sight is None or not q.is_cpu or somebody_differentiates(q):
             return None
+        offsets = None
+        if hand_offset is not None:
+            offset = self._offset(q, hand_offset)
+            if somebody_differentiates(offset):
+                return None
+            offsets = offset.detach().to(torch.float64).expand(*q.shape[:-1], 3).reshape(-1, 3)
         flat = q.detach().reshape(-1, self.p).to(torch.float64)
-        image, depth, jacobian = (part.to(q.dtype) for part in self._sight.image_and_jacobian(flat))
+        image, none, jacobian = self._sight(flat, offsets, with_jacobian)
         batch = q.shape[:-1]
-        return image.reshape(*batch, self.m), depth.reshape(batch), jacobian.reshape(*batch, self.m, self.p)
+        return Seen(
+            image.to(q.dtype).reshape(*batch, image.shape[-1]),
+            none.reshape(batch),
+            jacobian.to(q.dtype).reshape(*batch, *jacobian.shape[1:]),
+        )
 
-    def _refuse_behind(self, depth: Float[Tensor, "*batch"]) -> None:
-        behind = depth <= 0.0
-        if bool(behind.any()):
+    def _told(self, none: Bool[Tensor, "*batch"], on_invisible: str) -> None:
+        if on_invisible == "raise" and bool(none.any()):
+            lens = "" if isinstance(self.camera.model, VirtualScreen) else ", or beyond what its model can show,"
             raise NotVisible(
-                f"the hand is behind the camera plane in {int(behind.sum())} of {behind.numel()} postures and has no "
+                f"the hand is behind the camera plane{lens} in {int(none.sum())} of {none.numel()} postures and has no "
                 "image there; leave these out, or ask for on_invisible='nan'"
             )
 

@@ -86,7 +86,9 @@ def fitted(
 ) -> Fit:
     """The fit of some groups to some of the evidence; None: to all of it."""
     parameters = problem.parametric.parameters
-    free = np.array([one.group in (*groups, *_NUISANCE) for one in parameters])
+    free = np.array(
+        [one.group in (*groups, *_NUISANCE) and index not in problem.held for index, one in enumerate(parameters)]
+    )
     terms = problem.terms if kept is None else problem.subset(kept)
     return maximum_a_posteriori(terms, free=free, sd=prior.sds(parameters), robust=robust)
 

@@ -86,6 +86,7 @@ class Problem:
         samples: Of each term, the samples (trials one after the other) that its rows are.
         blocks: Of each term, the block that each of its rows belongs to.
         intrinsics: Of each camera, by the name of its mount.
+        held: Parameters that are never free: turns of a point of the hand that is one point alone.
         left_out: What was observed and tells nothing, in words.
     """
 
@@ -95,6 +96,7 @@ class Problem:
     samples: tuple[Int[np.ndarray, "rows"], ...]
     blocks: tuple[Int[np.ndarray, "rows"], ...]
     intrinsics: Mapping[str, Intrinsics]
+    held: frozenset[int]
     left_out: tuple[str, ...]
 
     @classmethod
@@ -130,6 +132,7 @@ class Problem:
             tuple(one.samples for one in rows),
             tuple(_blocks(one, folds) for one in rows),
             intrinsics,
+            frozenset(_pointless(parametric, rows)),
             tuple(left_out),
         )
 
@@ -229,6 +232,18 @@ def _mounts(body: Embodiment, rows: Sequence[_Rows]) -> tuple[dict[str, Mount], 
         elif one.kind == "touches":
             mounts.setdefault("skin", Mount("skin", "skin", body.skin.link, np.eye(4)))
     return mounts, intrinsics
+
+
+def _pointless(parametric: ParametricBody, rows: Sequence[_Rows]) -> Iterable[int]:
+    """Turns about a single point do what shifts do already."""
+    for name in {one.observed.point for one in rows}:
+        offsets = np.concatenate([one.offset for one in rows if one.observed.point == name])
+        if np.ptp(offsets, axis=0).max() == 0.0:
+            yield from (
+                index
+                for index, one in enumerate(parametric.parameters)
+                if one.unit == "rad" and one.name.startswith(f"{name}: turn")
+            )
 
 
 def _camera_name(index: int) -> str:

@@ -7,7 +7,6 @@ derivative of what is left in all parameters, in closed form.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Self
 
 import numpy as np
 import torch
@@ -50,7 +49,7 @@ class _Evidence:
         frames = self.body.frames(self.q, theta)
         return frames, *frames[self.point].point(self.offset)
 
-    def taken(self, rows: Bool[np.ndarray, "count"]) -> Self:
+    def taken(self, rows: Bool[np.ndarray, "count"]) -> _Evidence:
         """The same evidence with some of its rows."""
         values = {
             field.name: getattr(self, field.name)[rows]

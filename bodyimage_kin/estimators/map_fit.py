@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy.optimize
@@ -20,6 +20,8 @@ __all__ = ["Fit", "Term", "maximum_a_posteriori"]
 CAUCHY = 3.0
 """Residuals beyond so many standard deviations begin to lose their weight."""
 _ROUNDS = 12
+_TOLERANCE = 1e-10
+"""Of the descent: relative change of cost and parameters."""
 _SETTLED = 0.01
 _TO_SIGMA = 1.4826
 """Standard deviation of a normal variable over the median of its absolute value."""
@@ -27,6 +29,7 @@ _ROUNDING = 1e-12
 """Least noise that is assumed, over the size of the observations: below it nothing is left to explain."""
 
 
+@runtime_checkable
 class Term(Protocol):
     """One kind of evidence.
 
@@ -44,6 +47,10 @@ class Term(Protocol):
         self, theta: Float[np.ndarray, "parameters"]
     ) -> tuple[Float[np.ndarray, "count m"], Float[np.ndarray, "count m parameters"]]:
         """Predicted less observed [its unit], and the derivative in all parameters."""
+        ...
+
+    def taken(self, rows: Bool[np.ndarray, "count"]) -> Term:
+        """The same evidence with some of its rows."""
         ...
 
 
@@ -135,7 +142,7 @@ def _descend(
                 r, J = term.residual(theta)
                 r, J = _weighted(r / width, J[:, :, free] / width, robust)
                 rows.append(r.ravel())
-                slopes.append(J.reshape(-1, J.shape[-1]))
+                slopes.append(J.reshape(r.size, -1))
             known[key] = np.concatenate(rows), np.concatenate(slopes)
         return known[key]
 
@@ -147,9 +154,9 @@ def _descend(
         lambda values: at(values)[1],
         x_scale=scale,
         max_nfev=steps,
-        xtol=1e-14,
-        ftol=1e-14,
-        gtol=1e-14,
+        xtol=_TOLERANCE,
+        ftol=_TOLERANCE,
+        gtol=_TOLERANCE,
     )
     theta = start.copy()
     theta[free] = end.x

@@ -237,7 +237,7 @@ class _Reached:
 
     def then(self, pose: Float[np.ndarray, "4 4"]) -> _Reached:
         return replace(
-            self, rotation=self.rotation @ pose[:3, :3], position=self.position + self.rotation @ pose[:3, 3]
+            self, rotation=_times(self.rotation, pose[:3, :3]), position=self.position + self.rotation @ pose[:3, 3]
         )
 
     def off(
@@ -250,7 +250,7 @@ class _Reached:
         there = self.then(pose)
         small, right = _small(numbers, basis)
         after = there.then(small)
-        acted = _Small(first, after.position, there.rotation @ basis, after.rotation @ right)
+        acted = _Small(first, after.position, _times(there.rotation, basis), _times(after.rotation, right))
         return replace(after, small=(*self.small, acted))
 
     def frame(self, parameters: int) -> Frame:
@@ -299,6 +299,13 @@ def _small(
 def _cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     x, y, z = v
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _times(
+    rotations: Float[np.ndarray, "count 3 3"], matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "count 3 3"]:
+    """Each times one matrix, in one flat product: numpy's batched one is several times slower."""
+    return (rotations.reshape(-1, 3) @ matrix).reshape(-1, 3, 3)
 
 
 def _crossed(

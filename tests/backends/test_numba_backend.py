@@ -13,6 +13,7 @@ import pytest
 import torch
 
 import bodyimage_kin as bk
+from bodyimage_kin.body import Pinhole
 from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotDifferentiable, NotVisible, UnknownName
 from bodyimage_kin.robot.transforms import rpy_matrix, transform
 from tests.robots import ARM, ONE_JOINT, STATUE, TRICKY
@@ -159,7 +160,7 @@ def test_postures_that_are_not_finite_are_refused_and_spoil_only_themselves() ->
         finite = out[0].isfinite().flatten(1).all(1) & out[1].isfinite().flatten(1).all(1)
         assert finite.tolist() == [link == "base" or index not in (3, 5, 66) for index in range(70)]
     with pytest.raises(InvalidPosture, match="in 3 of 70 postures"):
-        NumbaBackend(robot).hand_image("hand", [0.0] * 3, "base", np.eye(4), 0.04).image_and_jacobian(q)
+        NumbaBackend(robot).hand_image("hand", [0.0] * 3, "base", np.eye(4), [0.04]).image_and_jacobian(q)
 
 
 def test_out_is_written_in_place_and_refused_when_it_cannot_hold_the_result() -> None:
@@ -221,8 +222,10 @@ LINK_T_CAMERA = transform(rpy_matrix((-math.pi / 2 + 0.1, 0.0, -math.pi / 2 + 0.
 OFFSET = np.array([0.02, -0.03, 0.05])
 
 
-def image_by_formula(robot: bk.Robot, q: torch.Tensor, camera_link: str) -> tuple[np.ndarray, ...]:
-    """Equations 17 to 19 and their derivative, written down as they stand, from Pinocchio's poses and Jacobians."""
+def point_by_formula(
+    robot: bk.Robot, q: torch.Tensor, camera_link: str, offsets: np.ndarray = OFFSET
+) -> tuple[np.ndarray, np.ndarray]:
+    """The hand in the camera's axes and its derivative, as they stand, from Pinocchio's poses and Jacobians."""
     kin = bk.kinematics(robot, "pinocchio")
     (hand, hand_J), (carrier, carrier_J) = (
         tuple(part.numpy() for part in kin.pose_and_jacobian(q, link)) for link in ("hand", camera_link)
@@ -233,10 +236,15 @@ def image_by_formula(robot: bk.Robot, q: torch.Tensor, camera_link: str) -> tupl
     def at(pose: np.ndarray, J: np.ndarray, point: np.ndarray) -> np.ndarray:
         return J[:, :3] + np.cross(J[:, 3:], (point - pose[:, :3, 3])[:, :, None], axis=1)
 
-    p = hand[:, :3, 3] + hand[:, :3, :3] @ OFFSET
+    p = hand[:, :3, 3] + np.einsum("bij,bj->bi", hand[:, :3, :3], np.broadcast_to(offsets, (len(q), 3)))
     # The camera's body extended to the hand: its velocity there is v_c + w_c x (p_h - p_c).
     c = (R @ (p - camera[:, :3, 3])[:, :, None])[..., 0]
-    dc = R @ (at(hand, hand_J, p) - at(carrier, carrier_J, p))
+    return c, R @ (at(hand, hand_J, p) - at(carrier, carrier_J, p))
+
+
+def image_by_formula(robot: bk.Robot, q: torch.Tensor, camera_link: str) -> tuple[np.ndarray, ...]:
+    """Equations 17 to 19 and their derivative."""
+    c, dc = point_by_formula(robot, q, camera_link)
     x, y, z = c.T
     zero, one = np.zeros_like(z), np.ones_like(z)
     A = np.array([[one, zero, -x / z], [zero, one, -y / z]]).transpose(2, 0, 1) * (0.04 / z)[:, None, None]
@@ -246,7 +254,7 @@ def image_by_formula(robot: bk.Robot, q: torch.Tensor, camera_link: str) -> tupl
 @pytest.mark.parametrize("camera_link", ["eye", "head", "chest", "pelvis", "arm"])
 def test_image_and_jacobian_are_the_formulas_wherever_the_camera_sits(camera_link: str) -> None:
     robot = bk.Robot.from_urdf(TORSO)
-    hand_image = NumbaBackend(robot).hand_image("hand", OFFSET.tolist(), camera_link, LINK_T_CAMERA, 0.04)
+    hand_image = NumbaBackend(robot).hand_image("hand", OFFSET.tolist(), camera_link, LINK_T_CAMERA, [0.04])
     q = robot.sample(200, seed=5)
     image, depth, jacobian = (part.numpy() for part in hand_image.image_and_jacobian(q))
     true_image, true_depth, true_jacobian = image_by_formula(robot, q, camera_link)
@@ -257,9 +265,33 @@ def test_image_and_jacobian_are_the_formulas_wherever_the_camera_sits(camera_lin
     np.testing.assert_allclose(jacobian[seen], true_jacobian[seen], rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.parametrize("camera_link", ["eye", "head", "chest", "pelvis", "arm"])
+@pytest.mark.parametrize("varied", [False, True])
+def test_other_cameras_get_the_point_or_project_it_by_opencvs_formulas(camera_link: str, varied: bool) -> None:
+    robot = bk.Robot.from_urdf(TORSO)
+    q = robot.sample(200, seed=5)
+    offsets = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 3)) if varied else OFFSET
+    each = torch.from_numpy(offsets) if varied else None
+    point, moved = point_by_formula(robot, q, camera_link, offsets)
+    backend, hand = NumbaBackend(robot), ("hand", OFFSET.tolist(), camera_link, LINK_T_CAMERA)
+    found, depth, jacobian = backend.hand_image(*hand, []).image_and_jacobian(q, offsets=each)
+    np.testing.assert_allclose(found, point, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(depth, point[:, 2], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(jacobian, moved, rtol=0, atol=1e-13)
+    lens = Pinhole(615.0, 620.0, 322.5, 238.0, distortion=(-0.28, 0.09, 1.1e-3, -0.6e-3, -0.013))
+    seen, _, jacobian = backend.hand_image(
+        *hand, [lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion, lens.fold**2]
+    ).image_and_jacobian(q, offsets=each)
+    true = lens.project(torch.from_numpy(point))
+    slope = lens.derivative(torch.from_numpy(point)) @ torch.from_numpy(moved)
+    assert 0 < int(true.isnan().any(1).sum()) < 180, "some have to be seen in this test, and some not"
+    torch.testing.assert_close(seen, true, rtol=1e-12, atol=1e-9, equal_nan=True)
+    torch.testing.assert_close(jacobian, slope, rtol=1e-11, atol=1e-9, equal_nan=True)
+
+
 def test_what_carries_hand_and_camera_alike_does_not_move_the_image() -> None:
     robot = bk.Robot.from_urdf(TORSO)
-    hand_image = NumbaBackend(robot).hand_image("hand", (0.0, 0.0, 0.0), "head", LINK_T_CAMERA, 0.04)
+    hand_image = NumbaBackend(robot).hand_image("hand", (0.0, 0.0, 0.0), "head", LINK_T_CAMERA, [0.04])
     jacobian = hand_image.image_and_jacobian(robot.sample(5))[2]
     assert (jacobian[..., robot.joint_index("waist")] == 0.0).all()
 
@@ -268,9 +300,9 @@ def test_image_columns_are_those_asked_for_in_that_order() -> None:
     robot = bk.Robot.from_urdf(TORSO)
     backend = NumbaBackend(robot)
     q = robot.sample(70)
-    every = backend.hand_image("hand", OFFSET.tolist(), "eye", LINK_T_CAMERA, 0.04).image_and_jacobian(q)
+    every = backend.hand_image("hand", OFFSET.tolist(), "eye", LINK_T_CAMERA, [0.04]).image_and_jacobian(q)
     columns = [3, 1]
-    some = backend.hand_image("hand", OFFSET.tolist(), "eye", LINK_T_CAMERA, 0.04, columns)
+    some = backend.hand_image("hand", OFFSET.tolist(), "eye", LINK_T_CAMERA, [0.04], columns)
     out = torch.zeros(70, 2).double(), torch.zeros(70).double(), torch.zeros(70, 2, 2).double()
     some.image_and_jacobian(q, out=out)
     assert torch.equal(out[0], every[0])

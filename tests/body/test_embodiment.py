@@ -204,7 +204,7 @@ def test_a_hand_behind_the_camera_plane_has_no_image(body):
         behind.hand_image_jacobian(q)
     assert behind.hand_image(q, on_invisible="nan").isnan().all()
     assert not behind.visible(q).any()
-    with pytest.raises(InvalidConfig, match="on_invisible='zero'; valid: 'raise', 'nan'"):
+    with pytest.raises(InvalidConfig, match="on_invisible='zero': give one of 'raise', 'nan'"):
         body.hand_image(q, on_invisible="zero")
 
 

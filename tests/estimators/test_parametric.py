@@ -109,7 +109,7 @@ def test_what_is_found_is_what_was_off(setup):
     free = np.isin(group, ["axes", "offsets"])
     sd = np.where(group == "axes", 0.05, 0.005)
     rng = np.random.default_rng(3)
-    many = np.tile(q, (20, 1)) + 0.1 * rng.standard_normal((20 * len(q), q.shape[1]))
+    many = np.tile(q, (20, 1)) + 0.03 * rng.standard_normal((20 * len(q), q.shape[1]))
     term = dataclasses.replace(term, q=many, offset=offsets(many), image=np.zeros((len(many), 2)))
     for noise in (1e-6, 2e-4):
         within = []
@@ -139,10 +139,10 @@ def test_robust_costs_bear_outliers_that_squares_do_not(setup):
     target = term.residual(true)[0] + 1e-3 * rng.standard_normal((len(many), 3))
     target[:12] += 0.2
     term = dataclasses.replace(term, target=target)
-    robust, squares = (
-        np.linalg.norm(maximum_a_posteriori([term], free=free, sd=sd, robust=one).theta - true) for one in (True, False)
-    )
-    assert robust < 0.002 < 0.01 < squares
+    robust, squares = (maximum_a_posteriori([term], free=free, sd=sd, robust=one) for one in (True, False))
+    width = np.sqrt(np.diag(robust.covariance)[free])
+    assert np.abs((robust.theta - true)[free] / width).max() < 4.0
+    assert np.abs((squares.theta - true)[free] / width).max() > 20.0
 
 
 def test_two_kinds_of_evidence_weigh_by_their_noise(setup):
@@ -155,8 +155,9 @@ def test_two_kinds_of_evidence_weigh_by_their_noise(setup):
     one = dataclasses.replace(one, observed=one.residual(shift)[0])
     other = dataclasses.replace(other, target=other.residual(-shift)[0])
     fit = maximum_a_posteriori([one, other], free=free, sd=sd)
-    np.testing.assert_allclose(fit.theta, shift, atol=1e-4)
     assert fit.stated
+    assert np.abs(fit.residuals[0]).max() < 1e-5
+    assert np.abs(fit.residuals[1]).max() > 0.01
 
 
 def test_prismatic_joints_have_their_zero_along_the_axis():

@@ -203,7 +203,7 @@ def test_images_of_other_dimensions(m):
 def test_a_body_and_its_estimators_fit():
     body = bk.load_embodiment("infant")
     found = metrics.servo_basin(
-        lambda q: body.hand_image(q, "nan"),
+        lambda q: body.hand_image(q, on_invisible="nan"),
         body.hand_image_jacobian,
         AnalyticJacobian(body).jacobian,
         body.touch_postures([0, 220, 440]),
