@@ -9,7 +9,6 @@ from jaxtyping import Float
 
 from bodyimage_kin.backends._protocol import moving_columns, numbered_chain
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.robot.transforms import rpy_matrix
 
 
 class MujocoBackend:
@@ -44,7 +43,7 @@ class _Chain:
         body = spec.worldbody
         for joint in numbered_chain(robot, link).joints:
             orientation = np.empty(4)
-            mujoco.mju_mat2Quat(orientation, rpy_matrix(joint.rpy).ravel())
+            mujoco.mju_mat2Quat(orientation, joint.origin[:3, :3].ravel())
             # MuJoCo refuses moving bodies without mass; kinematics do not depend on it.
             body = body.add_body(name=joint.child, pos=joint.xyz, quat=orientation, mass=1.0, inertia=[1.0, 1.0, 1.0])
             body.explicitinertial = True

@@ -23,7 +23,7 @@ from bodyimage_kin.backends._protocol import Abilities
 from bodyimage_kin.backends.torch_backend import TorchBackend
 from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotDifferentiable
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.robot.transforms import Matrix3, Matrix4, rpy_matrix, transform
+from bodyimage_kin.robot.transforms import Matrix3, Matrix4, transform
 from bodyimage_kin.robot.tree import Joint
 
 _POSTURES_A_THREAD = 8192
@@ -213,7 +213,7 @@ class _Chain(NamedTuple):
         """The chain of these joints of the robot; ``end`` is what is fixed to the last of them."""
         fixed, between, moving = np.eye(4), [], []
         for joint in path:
-            fixed = fixed @ transform(rpy_matrix(joint.rpy), joint.xyz)
+            fixed = fixed @ joint.origin
             if joint.kind != "fixed":
                 aligned = _z_to(joint.axis)
                 between.append(fixed @ transform(aligned, np.zeros(3)))

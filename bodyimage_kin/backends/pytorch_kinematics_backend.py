@@ -8,7 +8,7 @@ from jaxtyping import Float
 from pytorch_kinematics.transforms import Transform3d
 
 from bodyimage_kin.backends._protocol import moving_columns, numbered_chain
-from bodyimage_kin.robot import Robot, transforms
+from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.tree import KinematicTree, write_core
 
 
@@ -53,6 +53,5 @@ def _make_exact(chain: pytorch_kinematics.chain.Chain, tree: KinematicTree) -> N
     """Overwrites every offset and axis, built in float32, with the URDF's float64 numbers."""
     for joint in tree.joints:
         frame = chain.find_frame(joint.child)
-        matrix = transforms.transform(transforms.rpy_matrix(joint.rpy), joint.xyz)
-        frame.joint.offset = Transform3d(matrix=torch.from_numpy(matrix)[None], dtype=torch.float64)
+        frame.joint.offset = Transform3d(matrix=torch.tensor(joint.origin)[None], dtype=torch.float64)
         frame.joint.axis = torch.tensor(joint.axis, dtype=torch.float64)

@@ -17,7 +17,7 @@ from torch import Tensor
 from bodyimage_kin._arrays import ArrayLike, as_float_tensor
 from bodyimage_kin.backends._protocol import Abilities
 from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.robot import Robot, transforms
+from bodyimage_kin.robot import Robot
 
 _BLOCK = 2048
 """Postures at a time on the CPU: few enough for all intermediate values to stay in its caches."""
@@ -103,7 +103,7 @@ class _LinkChain(NamedTuple):
     def to(cls, robot: Robot, link: str) -> _LinkChain:
         fixed, origins, axes, columns, sliding, follow = np.eye(4), [], [], [], [], []
         for joint in robot.path(link):
-            fixed = fixed @ transforms.transform(transforms.rpy_matrix(joint.rpy), joint.xyz)
+            fixed = fixed @ joint.origin
             if joint.kind != "fixed":
                 origins.append(fixed)
                 axes.append(joint.axis)

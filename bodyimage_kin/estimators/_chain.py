@@ -23,7 +23,6 @@ from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
 from bodyimage_kin.estimators._kept import Kept
-from bodyimage_kin.robot import transforms
 from bodyimage_kin.robot.tree import Joint
 
 _NEAREST = 1e-3
@@ -225,7 +224,7 @@ def _walk(path: tuple[Joint, ...]) -> tuple[Float[np.ndarray, "4 4"], dict[str, 
     """Where a path ends at the zero posture, and where each of its joints is, in the root."""
     here, placed = np.eye(4), {}
     for joint in path:
-        here = here @ transforms.transform(transforms.rpy_matrix(joint.rpy), joint.xyz)
+        here = here @ joint.origin
         placed[joint.name] = here
     return here, placed
 

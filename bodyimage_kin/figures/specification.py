@@ -7,7 +7,6 @@ settings that were used.
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +16,6 @@ from jaxtyping import Float
 from bodyimage_kin.estimators.paper_mlp import PaperMLP
 from bodyimage_kin.recordings import Noise
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.robot.transforms import rpy_matrix, transform
 from bodyimage_kin.robot.tree import Joint
 
 
@@ -78,11 +76,7 @@ def limbs(robot: Robot) -> tuple[Limb, ...]:
         """The link and all that is fixed to it, with where each is in the link."""
         found = [(link, np.eye(4))]
         for name, place in found:
-            found += [
-                (joint.child, place @ transform(rpy_matrix(joint.rpy), joint.xyz))
-                for joint in below.get(name, ())
-                if joint.kind == "fixed"
-            ]
+            found += [(joint.child, place @ joint.origin) for joint in below.get(name, ()) if joint.kind == "fixed"]
         return found
 
     def following(link: str) -> list[tuple[Joint, Float[np.ndarray, "3"]]]:
@@ -124,13 +118,7 @@ def limbs(robot: Robot) -> tuple[Limb, ...]:
 
 def link_masses(robot: Robot) -> dict[str, float]:
     """The masses that the URDF gives, by link [kg]."""
-    # The strict reader has refused documents with entities before a Robot exists.
-    masses = {}
-    for link in ElementTree.fromstring(robot.source).iterfind("link"):
-        mass = link.find("inertial/mass")
-        if mass is not None and "value" in mass.attrib:
-            masses[link.attrib["name"]] = float(mass.attrib["value"])
-    return masses
+    return {link: geometry.inertial.mass for link, geometry in robot.geometry.items() if geometry.inertial is not None}
 
 
 class Parameter(NamedTuple):

@@ -24,16 +24,18 @@ from bodyimage_kin.metrics.jacobian import (
 )
 from bodyimage_kin.metrics.maps import (
     Procrustes,
+    error_in_space,
     folded_cells,
-    landmark_relations,
     permuted,
     procrustes,
     quantization_error,
     scores,
+    shuffled_touches,
     span,
     topographic_error,
     topological_error,
 )
+from bodyimage_kin.metrics.neighbourhoods import continuity, neighbours_kept, trustworthiness
 from bodyimage_kin.metrics.servo import critical_gain, locally_stable, monotone, servo_matrix
 from bodyimage_kin.metrics.trajectory import curl, trajectory_rmse, velocity_correlation, velocity_nrmse
 from bodyimage_kin.metrics.trajectory_split import ErrorSplit, error_split
@@ -48,20 +50,22 @@ __all__ = [
     "axis_relative_error",
     "column_cosine",
     "column_log_norm_ratio",
+    "continuity",
     "critical_gain",
     "curl",
     "depth_ratio",
     "displacement_error",
+    "error_in_space",
     "error_split",
     "excitation",
     "folded_cells",
     "jacobian_errors",
-    "landmark_relations",
     "locally_stable",
     "log_condition_difference",
     "manipulability_ratio",
     "monotone",
     "motion_metric",
+    "neighbours_kept",
     "permuted",
     "pooled_relative_error",
     "pooled_scale_free_error",
@@ -73,11 +77,13 @@ __all__ = [
     "scores",
     "servo_basin",
     "servo_matrix",
+    "shuffled_touches",
     "singular_value_ratios",
     "span",
     "topographic_error",
     "topological_error",
     "trajectory_rmse",
+    "trustworthiness",
     "velocity_correlation",
     "velocity_nrmse",
 ]

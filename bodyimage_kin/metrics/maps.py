@@ -1,29 +1,35 @@
 """How well a learned tactile map keeps the layout of the skin.
 
-A map gives each taxel of a (rows, columns) grid a place in the image [m]; x grows with the column, y with the row.
-The topological error alone is blind to a collapsed map, so :func:`scores` reports span, folds and shape beside it.
+A map gives each taxel a place in the image: (rows, columns, m) of a grid, x growing with the column and y with the row;
+(taxels, m) of any other skin. Order of rows and columns is of grids alone (topological error, folded cells); shape,
+size and neighbourhoods are of any. The topological error alone is blind to a collapsed map, so :func:`scores` reports
+span, folds and shape beside it. ``[unit]`` is the image's.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.spatial.distance
-from jaxtyping import Float
+import torch
+from jaxtyping import Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
+from bodyimage_kin.body.cameras import CameraModel
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._whitening import ratio
+from bodyimage_kin.metrics.neighbourhoods import neighbourhood_scores
 
 
 def _planar(map: ArrayLike) -> Float[np.ndarray, "rows columns 2"]:
-    array = as_float_array(map, "map", ndim=3)
-    if array.ndim != 3 or array.shape[-1] != 2:
-        raise InvalidArray(f"map has shape {array.shape}; this score needs (rows, columns, 2)")
+    array = as_float_array(map, "map")
+    if array.ndim != 3 or array.shape[-1] != 2 or 0 in array.shape:
+        raise InvalidArray(
+            f"map has shape {array.shape}; topological error and folded cells are of grids, (rows, columns, 2): "
+            "of other skins ask for neighbours_kept, trustworthiness and continuity"
+        )
     return array
 
 
@@ -33,7 +39,7 @@ def topological_error(map: ArrayLike) -> int:
     A taxel counts once, when its x exceeds that of the taxel to its right or its y that of the taxel below.
 
     Args:
-        map: (rows, columns, 2) [m].
+        map: (rows, columns, 2) [unit].
 
     Returns:
         Between 0 and rows * columns - 1 (440 for 21 x 21, about 320 by chance). A collapsed map scores 0. A taxel
@@ -57,7 +63,7 @@ def folded_cells(map: ArrayLike) -> int:
     the rows.
 
     Args:
-        map: (rows, columns, 2) [m].
+        map: (rows, columns, 2) [unit].
 
     Returns:
         Between 0 and (rows - 1) * (columns - 1): the cells with any corner triangle that is not positive. A cell with a
@@ -109,9 +115,9 @@ def span(map: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> F
     """Slope of the regression of the map on the truth along each image axis: 1 keeps its size, 0 is collapsed.
 
     Args:
-        map: (rows, columns, m), or any (*taxels, m) [m].
+        map: (*taxels, m) [unit]: (rows, columns, m) of a grid, (taxels, m) of any skin.
         true: The true places, of the same shape.
-        weights: A mask of taxels or their touch counts, (rows, columns); all alike when None.
+        weights: A mask of taxels or their touch counts, (*taxels); all alike when None.
 
     Returns:
         One slope an image axis, over taxels finite in both and of positive weight. NaN where the truth does not vary
@@ -147,9 +153,9 @@ def procrustes(true: ArrayLike, map: ArrayLike, weights: ArrayLike | None = None
     ``tr(S D) / |A|^2``, the disparity ``1 - tr(S D)^2 / (|A|^2 |B|^2)``.
 
     Args:
-        true: The true places, (rows, columns, m), or any (*taxels, m) [m].
+        true: The true places, (*taxels, m) [unit]: (rows, columns, m) of a grid, (taxels, m) of any skin.
         map: The map, of the same shape.
-        weights: A mask of taxels or their touch counts, (rows, columns); all alike when None.
+        weights: A mask of taxels or their touch counts, (*taxels); all alike when None.
 
     Returns:
         The fit over taxels finite in both and of positive weight. The disparity of a collapsed map is NaN (its scale
@@ -175,76 +181,106 @@ def scores(map: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) ->
     """Every score of one map that says something the others do not.
 
     Args:
-        map: (rows, columns, 2) [m].
+        map: (*taxels, m) [unit]: (rows, columns, 2) of a grid, (taxels, m) of any skin.
         true: The true places, of the same shape.
-        weights: A mask of taxels or their touch counts, (rows, columns), for span, disparity and scale.
+        weights: A mask of taxels or their touch counts, (*taxels), for span, disparity and scale.
 
     Returns:
-        ``topological_error`` and ``folded_cells`` (int), ``span`` ((2,) array), ``disparity`` and ``scale`` (float),
-        each undefined as in its own function.
+        ``span`` ((m,) array), ``disparity`` and ``scale``, ``neighbours_kept``, ``trustworthiness`` and ``continuity``
+        (float) over taxels of positive weight; of a grid also ``topological_error`` and ``folded_cells`` (int). Each is
+        undefined as in its own function.
 
     Raises:
         InvalidArray: Shapes that differ, or weights that are negative or not finite.
     """
-    fit = procrustes(true, map, weights)
-    return {
-        "topological_error": topological_error(map),
+    map, true = as_pair(map, true, ("map", "true"), ndim=2)
+    fit, taught = procrustes(true, map, weights), map
+    if weights is not None:
+        taught = np.where(_as_weights(weights, map.shape[:-1])[..., None] > 0, map, np.nan)
+    found: dict[str, Any] = {
         "span": span(map, true, weights),
-        "folded_cells": folded_cells(map),
         "disparity": fit.disparity,
         "scale": fit.scale,
+        **neighbourhood_scores(taught, true),
     }
+    if map.ndim == 3 and map.shape[-1] == 2:
+        found |= {"topological_error": topological_error(map), "folded_cells": folded_cells(map)}
+    return found
 
 
-def landmark_relations(map: ArrayLike, landmarks: Mapping[str, int], true: ArrayLike | None = None) -> dict[str, bool]:
-    """Which relations between landmarks (left of, above) a map keeps.
+def error_in_space(map: ArrayLike, points: ArrayLike, camera: CameraModel) -> Float[np.ndarray, "*taxels"]:
+    """How far each taxel's map lies from the truth, as a distance at the taxel's own depth.
+
+    An error in the image means more the farther away it lies. This one undoes the projection at the true point: through
+    an image of two coordinates across the camera's axis, exactly for a camera without distortion and to first order for
+    one with; through an image of more, in space.
 
     Args:
-        map: (rows, columns, 2) [m].
-        landmarks: The taxel of each landmark, ``{"left_eye": 150, ...}``, taxel = row * columns + column.
-        true: The true places, (rows, columns, 2) [m], that say which relations hold; the grid's own rows and columns
-            when None. Places closer along an axis than 1e-6 of the truth's extent have no relation on it.
+        map: Places in the map, (*taxels, m) [unit].
+        points: True points that these are images of, (*taxels, 3) in the camera's axes [m], such as
+            ``body.hand_in_camera(body.touch_postures(taxels))``.
+        camera: How they are projected, such as ``body.camera.model``.
 
     Returns:
-        For each that truly holds, such as ``"left_eye above mouth"``, whether it holds in the map. Left is smaller x,
-        above smaller y; False where a place is NaN.
+        Distances [m]; NaN where a taxel has no place in the map, or its true point no image.
 
     Raises:
-        InvalidArray: Shapes that differ, or a landmark off the grid.
+        InvalidArray: Shapes that do not fit together, or to the camera's m.
     """
-    places = _planar(map)
-    rows, columns = places.shape[:2]
-    reference = np.moveaxis(np.indices((rows, columns), dtype=np.float64)[::-1], 0, -1)
-    if true is not None:
-        reference, _ = as_pair(true, places, ("true", "map"), ndim=3)
-    for name, taxel in landmarks.items():
-        if not 0 <= taxel < rows * columns:
-            raise InvalidArray(f"landmark {name!r} is taxel {taxel}; the grid has 0 to {rows * columns - 1}")
-    places, reference = places.reshape(-1, 2), reference.reshape(-1, 2)
-    closest = 1e-6 * np.ptp(reference, axis=0)
-    return {
-        f"{first} {relation} {second}": bool(places[landmarks[first], axis] < places[landmarks[second], axis])
-        for axis, relation in enumerate(("left of", "above"))
-        for first, second in itertools.permutations(landmarks, 2)
-        if reference[landmarks[second], axis] - reference[landmarks[first], axis] > closest[axis]
-    }
+    places, true = as_float_array(map, "map", ndim=1), as_float_array(points, "points", ndim=1)
+    if places.shape[-1] != camera.m or true.shape != (*places.shape[:-1], 3):
+        raise InvalidArray(
+            f"map has shape {places.shape}, points {true.shape}; give (*taxels, {camera.m}) [{camera.unit}] and "
+            "(*taxels, 3) [m]"
+        )
+    at = torch.from_numpy(true)
+    off = places - camera.project(at).numpy()
+    derivative = camera.derivative(at).numpy()[..., : 2 if camera.m == 2 else 3]
+    known = np.isfinite(off).all(-1) & np.isfinite(derivative).all((-1, -2))
+    aside = (
+        np.linalg.pinv(np.where(known[..., None, None], derivative, 0)) @ np.where(known[..., None], off, 0)[..., None]
+    )
+    return np.where(known, np.linalg.norm(aside[..., 0], axis=-1), np.nan)
 
 
-def permuted(map: ArrayLike, seed: int) -> Float[np.ndarray, "rows columns m"]:
+def permuted(map: ArrayLike, seed: int) -> Float[np.ndarray, "*taxels m"]:
     """The map with its taxel labels shuffled, on which every score of order must return to chance.
 
     Args:
-        map: (rows, columns, m) [m].
+        map: (*taxels, m) [unit]: (rows, columns, m) of a grid, (taxels, m) of any skin.
         seed: Which shuffle.
 
     Raises:
-        InvalidArray: Not a float array of three axes.
+        InvalidArray: Not an array of numbers of two axes at least.
     """
-    places = as_float_array(map, "map", ndim=3)
-    if places.ndim != 3:
-        raise InvalidArray(f"map has shape {places.shape}; it must be (rows, columns, m)")
-    order = np.random.default_rng(seed).permutation(places.shape[0] * places.shape[1])
-    return places.reshape(-1, places.shape[-1])[order].reshape(places.shape)
+    places = as_float_array(map, "map", ndim=2)
+    flat = places.reshape(-1, places.shape[-1])
+    return flat[np.random.default_rng(seed).permutation(len(flat))].reshape(places.shape)
+
+
+def shuffled_touches(touched: ArrayLike, seed: int) -> Int[np.ndarray, "*samples contacts"]:
+    """Touches of a recording, dealt anew to the samples that touch: what a map learns from them is what chance makes.
+
+    Unlike :func:`permuted`, this keeps what the rule of learning itself does to a map: a kernel draws the map of noise
+    together as it does any other.
+
+    Args:
+        touched: Taxels active at once, (*samples, contacts), padded with -1, such as ``recording["touched"]``.
+        seed: Which shuffle.
+
+    Returns:
+        The same rows in another order; those that touch nothing keep their place.
+
+    Raises:
+        InvalidArray: No whole numbers, or less than one axis.
+    """
+    taxels = np.asarray(touched)
+    if taxels.ndim < 1 or taxels.dtype.kind not in "iu":
+        raise InvalidArray(f"touched has shape {taxels.shape}, of {taxels.dtype}; give taxels (*samples, contacts)")
+    rows = taxels.reshape(-1, taxels.shape[-1]).copy()
+    touching = np.flatnonzero((rows >= 0).any(-1))
+    rows[touching] = rows[np.random.default_rng(seed).permutation(touching)]
+    return rows.reshape(taxels.shape)
 
 
 def _best_units(weights: ArrayLike, samples: ArrayLike) -> tuple[Any, Any, Floats, tuple[int, int]]:

@@ -6,8 +6,7 @@ one. Nothing is left to a URDF parser, and none of the robot's names reaches MuJ
 
 from __future__ import annotations
 
-import io
-import logging
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,8 +15,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.errors import InvalidConfig, InvalidURDF
-from bodyimage_kin.robot import Robot, transforms
+from bodyimage_kin.errors import InvalidConfig, InvalidGeometry, InvalidURDF
+from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.geometry import Inertial
 from bodyimage_kin.robot.shapes import Shape
 from bodyimage_kin.robot.transforms import Matrix4
 from bodyimage_kin.robot.tree import Joint
@@ -26,9 +26,12 @@ _GEOMS = {
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
 }
 LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-9
 """Of links that weigh nothing between two joints [kg, kg m^2]: MuJoCo moves no massless body."""
+NO_LIMIT = 1e9
+"""Stands for the missing limit of a joint that has one only [rad or m]."""
 CONTACT_TIME = 0.004
 """Time constant with which contacts and joint limits recover [s], MuJoCo's ``solref``; twice the step is its least."""
 
@@ -42,12 +45,12 @@ class _Body:
     centres: list[Float[np.ndarray, "3"]] = field(default_factory=list)
     inertias: list[Float[np.ndarray, "3 3"]] = field(default_factory=list)
 
-    def add(self, inertial: Any, body_T_link: Matrix4) -> None:
-        """Adds a link's inertial, as yourdfpy reads it."""
-        place = body_T_link if inertial.origin is None else body_T_link @ inertial.origin
-        self.masses.append(float(inertial.mass))
+    def add(self, inertial: Inertial, body_T_link: Matrix4) -> None:
+        """Adds a link's inertial."""
+        place = body_T_link @ inertial.origin
+        self.masses.append(inertial.mass)
         self.centres.append(place[:3, 3])
-        self.inertias.append(place[:3, :3] @ np.asarray(inertial.inertia, dtype=float) @ place[:3, :3].T)
+        self.inertias.append(place[:3, :3] @ inertial.inertia @ place[:3, :3].T)
 
     def weigh(self) -> None:
         """Gives the MuJoCo body all mass that was added (parallel axis theorem)."""
@@ -113,7 +116,7 @@ def build(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     # A simulation that fails must be seen to fail, not start again from zero; and a hand may touch its parent body.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
-    places = _add_links(spec, robot, body.robot, joint_damping=joint_damping, rest_stiffness=rest_stiffness)
+    places = _add_links(spec, robot, joint_damping=joint_damping, rest_stiffness=rest_stiffness)
 
     carrier, body_T_link = places[body.hand.link]
     centre = body_T_link[:3, :3] @ body.hand.offset.numpy() + body_T_link[:3, 3]
@@ -148,10 +151,9 @@ def joint_columns(model: mujoco.MjModel) -> Int[np.ndarray, "p"]:
 
 
 def _add_links(
-    spec: mujoco.MjSpec, robot: Robot, whole: Robot, *, joint_damping: float, rest_stiffness: float
+    spec: mujoco.MjSpec, robot: Robot, *, joint_damping: float, rest_stiffness: float
 ) -> dict[str, tuple[Any, Matrix4]]:
     """Adds bodies and joints; where each link went: its MuJoCo body, and its place in that."""
-    inertials = _inertials(whole)
     world = _Body(spec.worldbody)
     bodies: list[_Body] = []
     places: dict[str, tuple[_Body, Matrix4]] = {robot.root: (world, np.eye(4))}
@@ -162,16 +164,16 @@ def _add_links(
     while waiting:
         joint = waiting.pop()
         here, body_T_link = places[joint.parent]
-        place = body_T_link @ transforms.transform(transforms.rpy_matrix(joint.rpy), joint.xyz)
+        place = body_T_link @ joint.origin
         if joint.kind != "fixed":
             element = here.element.add_body(pos=place[:3, 3], quat=_quaternion(place))
-            bounded = joint.kind != "continuous"
+            bounded = math.isfinite(joint.lower) or math.isfinite(joint.upper)
             element.add_joint(
                 name=f"joint{robot.joint_index(joint.name)}",
                 type=mujoco.mjtJoint.mjJNT_SLIDE if joint.kind == "prismatic" else mujoco.mjtJoint.mjJNT_HINGE,
                 axis=joint.axis,
                 limited=mujoco.mjtLimited.mjLIMITED_TRUE if bounded else mujoco.mjtLimited.mjLIMITED_FALSE,
-                range=[joint.lower, joint.upper] if bounded else [0.0, 0.0],
+                range=[max(joint.lower, -NO_LIMIT), min(joint.upper, NO_LIMIT)] if bounded else [0.0, 0.0],
                 damping=joint_damping,
                 stiffness=rest_stiffness,
                 solref_limit=[CONTACT_TIME, 1.0],
@@ -179,7 +181,7 @@ def _add_links(
             here, place = _Body(element), np.eye(4)
             bodies.append(here)
         places[joint.child] = (here, place)
-        if here is not world and (inertial := inertials.get(joint.child)) is not None:
+        if here is not world and (inertial := _inertial(robot, joint.child)) is not None:
             here.add(inertial, place)
         waiting.extend(children.get(joint.child, []))
     if not any(sum(moving.masses) for moving in bodies):
@@ -191,22 +193,16 @@ def _add_links(
     return {link: (here.element, place) for link, (here, place) in places.items()}
 
 
-def _inertials(robot: Robot) -> dict[str, Any]:
-    """Inertials of the links that have one, as the robot's source describes them."""
-    import yourdfpy
-
-    # It logs every mesh it is told not to load.
-    logging.getLogger("yourdfpy").setLevel(logging.ERROR)
-    model = yourdfpy.URDF.load(
-        io.BytesIO(robot.source), build_scene_graph=False, load_meshes=False, load_collision_meshes=False
-    )
-    found = {name: link.inertial for name, link in model.link_map.items() if link.inertial is not None}
-    for name, inertial in found.items():
-        if inertial.mass is None or inertial.inertia is None or not inertial.mass >= 0.0:
-            raise InvalidURDF("its inertial has no mass or no inertia", element=f"link '{name}'")
-        if not (np.isfinite(inertial.mass) and np.isfinite(np.asarray(inertial.inertia, dtype=float)).all()):
-            raise InvalidURDF("its mass or inertia is no finite number", element=f"link '{name}'")
-    return found
+def _inertial(robot: Robot, link: str) -> Inertial | None:
+    """The inertial of a link, None when it has none."""
+    geometry = robot.geometry[link]
+    try:
+        geometry.check("inertial")
+    except InvalidGeometry as problem:
+        raise InvalidURDF(f"mass and inertia are needed here: {problem}") from None
+    if geometry.inertial is not None and geometry.inertial.moments is None:
+        raise InvalidURDF("its inertial has no inertia", element=f"link '{link}'", remedy="add <inertia>")
+    return geometry.inertial
 
 
 def _add_shape(carrier: Any, shape: Shape, body_T_link: Matrix4, **contact: Any) -> None:

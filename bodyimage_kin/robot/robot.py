@@ -1,71 +1,138 @@
 """A robot: one URDF, read once and checked.
 
-A robot knows names, order, limits and structure. It computes no kinematics itself: backends do, from the kinematic core
-that :meth:`Robot.to_urdf` writes. Everything here is immutable.
+A robot knows names, order, limits, structure and the geometry of its links. It computes no kinematics itself: backends
+do, from the kinematic core that :meth:`Robot.to_urdf` writes. Everything here is immutable.
 """
 
 from __future__ import annotations
 
 import hashlib
+import html
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
+from typing import IO, Literal, TypeAlias
 
 import numpy as np
 import torch
 from jaxtyping import Float64
 
+from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_postures, refuse_not_finite
-from bodyimage_kin.errors import InvalidPosture, InvalidURDF, UnknownName
-from bodyimage_kin.robot import transforms
+from bodyimage_kin.errors import InvalidPosture, UnknownName
+from bodyimage_kin.robot import _source, dh
+from bodyimage_kin.robot.geometry import LinkGeometry
 from bodyimage_kin.robot.reader import read_urdf
-from bodyimage_kin.robot.tree import Joint, KinematicTree, Mimic, write_core
+from bodyimage_kin.robot.tree import Joint, KinematicTree, Mimic, welded, write_core
 
 Posture: TypeAlias = "ArrayLike | Mapping[str, float]"
+Source: TypeAlias = "str | bytes | bytearray | memoryview | os.PathLike[str] | IO[str] | IO[bytes]"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Robot:
-    """One checked URDF. Build it with :meth:`from_urdf`.
+    """One checked robot. Build it with :meth:`from_urdf` or :meth:`from_dh`.
+
+    Two robots are equal when they were read from the same text, wherever that lay.
 
     Attributes:
         tree: Links and joints as they stand in the file.
         source: The bytes it was read from.
-        file: Where it was read from, None when it was given as text. Geometry is looked for beside it.
+        geometry: What each link has beside its frame: visuals, collisions, inertial.
+        notes: What the reader read leniently, left out or passed over, a line each.
+        file: Where it was read from, None when it was given as text. Meshes are looked for beside it.
     """
 
     tree: KinematicTree
     source: bytes
-    file: Path | None = None
+    geometry: Mapping[str, LinkGeometry] = field(default_factory=dict)
+    notes: tuple[str, ...] = field(default=(), compare=False)
+    file: Path | None = field(default=None, compare=False)
 
     @classmethod
-    def from_urdf(cls, source: str | bytes | Path) -> Robot:
+    def from_urdf(cls, source: Source, strict: bool = False) -> Robot:
         """Reads and checks a URDF.
 
+        What is written carelessly but can be meant in one way only (an undeclared ``world``, a floating joint under the
+        root, a missing ``<limit>``, without which a joint is unlimited) is read that way and noted.
+
         Args:
-            source: A path, or the text itself (str or bytes that begin with ``<``).
+            source: A path, an open file, or the text itself (str, bytes or bytearray that begin with ``<``).
+            strict: Refuse what is written carelessly.
 
         Raises:
             InvalidURDF: The file is missing or is not a URDF that can be trusted; names element, line and remedy.
         """
-        if isinstance(source, bytes | str) and source.lstrip()[:1] in ("<", b"<", "\ufeff"):
-            data = source.encode() if isinstance(source, str) else source
-            return cls(read_urdf(data), data)
-        path = Path(source.decode() if isinstance(source, bytes) else source)
-        try:
-            data = path.read_bytes()
-        except (OSError, ValueError) as problem:
-            reason = problem.strerror if isinstance(problem, OSError) else str(problem)
-            raise InvalidURDF(
-                f"cannot read '{path}': {reason}", remedy="give a path, or text beginning with '<'"
-            ) from None
-        return cls(read_urdf(data), data, path)
+        data, file = _source.read(source)
+        reading = read_urdf(data, name=file.stem if file else "robot", strict=_checks.flag("strict", strict))
+        return cls(reading.tree, data, reading.geometry, reading.notes, file)
+
+    @classmethod
+    def from_dh(
+        cls,
+        rows: ArrayLike,
+        convention: Literal["classic", "modified"] | str = "classic",
+        *,
+        kinds: Sequence[str] | None = None,
+        joints: Sequence[str] | None = None,
+        links: Sequence[str] | None = None,
+        limits: Sequence[tuple[float, float] | None] | None = None,
+        name: str = "robot",
+    ) -> Robot:
+        """A serial robot from Denavit and Hartenberg's parameters.
+
+        With theta = offset + q of a turning joint and d + q of a sliding one, each row is the transform::
+
+            classic:   Rz(theta) Tz(d) Tx(a) Rx(alpha)      (Denavit and Hartenberg 1955; Spong)
+            modified:  Rx(alpha) Tx(a) Rz(theta) Tz(d)      (Craig; a and alpha are those of the row before)
+
+        Args:
+            rows: (k, 4): a [m], d [m], alpha [rad], offset [rad] of each row.
+            convention: Which of both.
+            kinds: Of each row: ``"revolute"``, ``"continuous"``, ``"prismatic"`` or ``"fixed"``; None: all revolute.
+            joints: Name of each row's joint; None: ``joint1`` to ``jointk``.
+            links: Names of the k + 1 frames, the root first; None: ``link0`` to ``linkk``.
+            limits: Lower and upper limit of each row's joint [rad or m], None for no limit; None: no limits at all.
+            name: The robot's name.
+
+        Returns:
+            A robot whose links are the frames of the table. A classic joint turns about an axis that need not pass
+            through its frame, so each has one more link, ``NAME_turned`` after its joint, that the frame is fixed to.
+
+        Raises:
+            InvalidConfig: Rows, kinds, names or limits that do not fit together.
+        """
+        tree = dh.read_table(rows, convention, kinds=kinds, joints=joints, links=links, limits=limits, name=name)
+        return cls._from_tree(tree, {})
+
+    @classmethod
+    def _from_tree(cls, tree: KinematicTree, geometry: Mapping[str, LinkGeometry]) -> Robot:
+        every = {link: geometry.get(link, LinkGeometry()) for link in tree.links}
+        return cls(tree, write_core(tree).encode(), every)
+
+    def __hash__(self) -> int:
+        # Not that of the bytes: it would be another one in another process.
+        return int(self.sha256[:15], 16)
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, {len(self.link_names)} links, {self.n} joints)"
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks: a line, and a table of the joints that a posture has values for."""
+        head = f"<b>{html.escape(self.name)}</b>: {len(self.link_names)} links from "
+        head += f"<code>{html.escape(self.root)}</code>, sha256 {self.sha256[:12]}"
+        cells = [
+            (str(index), joint.name, joint.kind, joint.parent, joint.child, f"{joint.lower:g}", f"{joint.upper:g}")
+            for index, joint in enumerate(self.moving_joints)
+        ]
+        names = ("q", "joint", "kind", "parent", "child", "lower", "upper")
+        rows = ["".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in cells]
+        table = "".join(f"<tr>{row}</tr>" for row in ("".join(f"<th>{cell}</th>" for cell in names), *rows))
+        notes = "".join(f"<li>{html.escape(note)}</li>" for note in self.notes)
+        return f"<p>{head}</p><table>{table}</table>" + (f"<ul>{notes}</ul>" if notes else "")
 
     # Names and order -------------------------------------------------------------------------------------------------
 
@@ -101,12 +168,12 @@ class Robot:
 
     @cached_property
     def lower(self) -> Float64[torch.Tensor, "n"]:
-        """Lower limits [rad or m], -inf for continuous joints."""
+        """Lower limits [rad or m], -inf where there is none."""
         return torch.tensor([joint.lower for joint in self.moving_joints], dtype=torch.float64)
 
     @cached_property
     def upper(self) -> Float64[torch.Tensor, "n"]:
-        """Upper limits [rad or m], inf for continuous joints."""
+        """Upper limits [rad or m], inf where there is none."""
         return torch.tensor([joint.upper for joint in self.moving_joints], dtype=torch.float64)
 
     @cached_property
@@ -144,15 +211,23 @@ class Robot:
     def sample(self, batch: int | Sequence[int], seed: int = 0) -> Float64[torch.Tensor, "*batch n"]:
         """Postures drawn uniformly within the limits, in [-pi, pi] (rad or m) where there are none.
 
+        Where only one limit is given, within 2 pi of it. Limits of followers are not looked at: they bind no free
+        joint.
+
         Args:
             batch: Shape of the batch; an int is a batch of one axis.
             seed: Same seed, same bits.
+
+        Raises:
+            InvalidConfig: A shape or a seed that is no whole number, or negative.
         """
-        shape = (batch,) if isinstance(batch, int) else tuple(batch)
-        unit = torch.from_numpy(np.random.default_rng(seed).random((*shape, self.n)))
-        lower = torch.where(self.lower.isinf(), -math.pi, self.lower)
-        upper = torch.where(self.upper.isinf(), math.pi, self.upper)
-        return lower + unit * (upper - lower)
+        sizes = (batch,) if not isinstance(batch, Iterable) else tuple(batch)
+        shape = [_checks.whole("batch", size, least=0) for size in sizes]
+        rng = np.random.default_rng(_checks.whole("seed", seed, least=0))
+        unit = torch.from_numpy(rng.random((*shape, self.n)))
+        lower, upper = self._bounds
+        # The range of the largest limits is no number, though each of them is one.
+        return torch.where((upper - lower).isinf(), lower * (1.0 - unit) + upper * unit, lower + unit * (upper - lower))
 
     def posture(self, values: Mapping[str, float], base: ArrayLike | None = None) -> Float64[torch.Tensor, "n"]:
         """A posture by name.
@@ -180,7 +255,9 @@ class Robot:
                 q[index] = float(values[name])
             except (TypeError, ValueError):
                 raise InvalidPosture(f"the value of joint '{name}' is no number: {values[name]!r}") from None
-        refuse_not_finite(q[None])
+            if not math.isfinite(q[index]):
+                raise InvalidPosture(f"joint '{name}' is at {values[name]}; NaN or infinite values are no posture")
+        refuse_not_finite(q[None], "base posture")
         return q
 
     def named(self, q: ArrayLike) -> dict[str, float]:
@@ -264,6 +341,15 @@ class Robot:
         )
 
     @cached_property
+    def _bounds(self) -> tuple[Float64[torch.Tensor, "n"], Float64[torch.Tensor, "n"]]:
+        """Finite bounds to sample within."""
+        turn = 2.0 * math.pi
+        no_lower, no_upper = self.lower.isinf(), self.upper.isinf()
+        lower = torch.where(no_lower, torch.where(no_upper, -math.pi, self.upper - turn), self.lower)
+        upper = torch.where(no_upper, torch.where(no_lower, math.pi, self.lower + turn), self.upper)
+        return lower, upper
+
+    @cached_property
     def _joint_indices(self) -> dict[str, int]:
         return {name: index for index, name in enumerate(self.joint_names)}
 
@@ -290,20 +376,11 @@ class Robot:
         if source in moving:
             # A chain of followers is tied to its source directly: what stands between may be left out.
             return joint if joint.mimic is None else replace(joint, mimic=Mimic(source, multiplier, offset))
-        value = multiplier * values[source] + offset
-        fixed = replace(joint, kind="fixed", mimic=None, lower=0.0, upper=0.0)
-        if value == 0.0:
-            return fixed
-        rotation = transforms.rpy_matrix(joint.rpy)
-        if joint.kind == "prismatic":
-            x, y, z = np.asarray(joint.xyz) + rotation @ np.asarray(joint.axis) * value
-            return replace(fixed, xyz=(float(x), float(y), float(z)))
-        turned = rotation @ transforms.axis_angle_matrix(joint.axis, value)
-        return replace(fixed, rpy=transforms.matrix_rpy(turned))
+        return welded(joint, multiplier * values[source] + offset)
 
     def _with_joints(self, joints: Sequence[Joint]) -> Robot:
         links = {self.root} | {joint.child for joint in joints}
         tree = KinematicTree(
             self.name, self.root, tuple(link for link in self.tree.links if link in links), tuple(joints)
         )
-        return Robot(tree, write_core(tree).encode())
+        return Robot._from_tree(tree, self.geometry)

@@ -6,8 +6,6 @@ themselves has neither fault.
 
 from __future__ import annotations
 
-import io
-import logging
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.geometry import Box, Capsule, Collision, Cylinder, Sphere
 from bodyimage_kin.robot.transforms import Matrix4
 
 Points = Float[np.ndarray, "count 3"]
@@ -27,12 +26,12 @@ class Shape:
 
     Attributes:
         kind: Which one.
-        size: Half extents of a box along x, y, z; (radius,) of a sphere; (radius, half length along z) of a cylinder
-            [m].
+        size: Half extents of a box along x, y, z; (radius,) of a sphere; (radius, half length along z) of a cylinder,
+            and of the cylinder between a capsule's half balls [m].
         link_T_shape: Where it is in the link.
     """
 
-    kind: Literal["sphere", "box", "cylinder"]
+    kind: Literal["sphere", "box", "cylinder", "capsule"]
     size: tuple[float, ...]
     link_T_shape: Matrix4
 
@@ -50,7 +49,13 @@ class Shape:
             return _round(o, d, self.size[0])
         if self.kind == "box":
             return _common([_slab(o[:, axis], d[:, axis], self.size[axis]) for axis in range(3)])
-        return _common([_round(o[:, :2], d[:, :2], self.size[0]), _slab(o[:, 2], d[:, 2], self.size[1])])
+        tube = _common([_round(o[:, :2], d[:, :2], self.size[0]), _slab(o[:, 2], d[:, 2], self.size[1])])
+        if self.kind == "cylinder":
+            return tube
+        along = np.array([0.0, 0.0, self.size[1]])
+        ends = [_round(o + end, d, self.size[0]) for end in (along, -along)]
+        # A convex whole of three parts: a line is in it from the first part's entry to the last one's exit.
+        return _whole([tube, *ends])
 
     def normals(self, points: Points) -> Points:
         """Outward unit normals at points of the surface, all in the link."""
@@ -61,6 +66,9 @@ class Shape:
         elif self.kind == "box":
             closeness = np.abs(p) / np.asarray(self.size)
             normal = np.eye(3)[closeness.argmax(axis=1)] * np.sign(p)
+        elif self.kind == "capsule":
+            along = np.clip(p[:, 2], -self.size[1], self.size[1])
+            normal = p - along[:, None] * [0.0, 0.0, 1.0]
         else:
             around = np.concatenate([p[:, :2] / self.size[0], np.zeros((len(p), 1))], axis=1)
             cap = np.array([0.0, 0.0, 1.0]) * np.sign(p[:, 2:])
@@ -75,25 +83,27 @@ def collision_shapes(robot: Robot, link: str) -> tuple[Shape, ...]:
 
     Raises:
         UnknownName: No such link.
-        InvalidGeometry: No collision shape, or one that is no box, cylinder or sphere.
+        InvalidGeometry: No collision shape, one that is a mesh, or one that cannot be read.
     """
-    robot.check_link(link)
-    shapes = []
-    for collision in _read_link(robot, link).collisions:
-        geometry = collision.geometry
-        place = np.eye(4) if collision.origin is None else np.asarray(collision.origin, dtype=float)
-        if geometry.sphere is not None:
-            shapes.append(Shape("sphere", (float(geometry.sphere.radius),), place))
-        elif geometry.box is not None:
-            shapes.append(Shape("box", tuple(float(side) / 2 for side in geometry.box.size), place))
-        elif geometry.cylinder is not None:
-            cylinder = geometry.cylinder
-            shapes.append(Shape("cylinder", (float(cylinder.radius), float(cylinder.length) / 2), place))
-        else:
-            raise InvalidGeometry(f"link '{link}': a skin needs collision shapes that are boxes, cylinders or spheres")
-    if not shapes:
+    geometry = robot.geometry[robot.check_link(link)]
+    geometry.check("collision")
+    if not geometry.collisions:
         raise InvalidGeometry(f"link '{link}' has no collision shape; a skin needs one to lie on")
-    return tuple(shapes)
+    return tuple(_primitive(link, collision) for collision in geometry.collisions)
+
+
+def _primitive(link: str, collision: Collision) -> Shape:
+    match collision.shape:
+        case Sphere(radius):
+            return Shape("sphere", (radius,), collision.origin)
+        case Box(size):
+            return Shape("box", tuple(side / 2 for side in size), collision.origin)
+        case Cylinder(radius, length):
+            return Shape("cylinder", (radius, length / 2), collision.origin)
+        case Capsule(radius, length):
+            return Shape("capsule", (radius, length / 2), collision.origin)
+    shapes = "boxes, cylinders, capsules or spheres"
+    raise InvalidGeometry(f"link '{link}': a skin needs collision shapes that are {shapes}, not a mesh")
 
 
 def cast(shapes: tuple[Shape, ...], origins: Points, directions: Points) -> tuple[Points, Points]:
@@ -125,17 +135,6 @@ def blocked(shapes: tuple[Shape, ...], starts: Points, ends: Points) -> Bool[np.
     return through
 
 
-def _read_link(robot: Robot, link: str) -> "yourdfpy.Link":  # type: ignore[name-defined]
-    import yourdfpy
-
-    # It logs every mesh it is told not to load.
-    logging.getLogger("yourdfpy").setLevel(logging.ERROR)
-    model = yourdfpy.URDF.load(
-        io.BytesIO(robot.source), build_scene_graph=False, load_meshes=False, load_collision_meshes=False
-    )
-    return model.link_map[link]
-
-
 def _round(
     o: Float[np.ndarray, "count d"], d: Float[np.ndarray, "count d"], radius: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -160,6 +159,11 @@ def _slab(o: Float[np.ndarray, "count"], d: Float[np.ndarray, "count"], half: fl
     enter = np.where(moving, np.minimum(one, other), np.where(inside, -np.inf, np.inf))
     leave = np.where(moving, np.maximum(one, other), np.where(inside, np.inf, -np.inf))
     return enter, leave
+
+
+def _whole(crossings: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Entry into the first and exit from the last of parts that together are convex."""
+    return np.min([enter for enter, _ in crossings], axis=0), np.max([leave for _, leave in crossings], axis=0)
 
 
 def _common(crossings: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
+Vector = tuple[float, float, float]
 Matrix3 = Float[np.ndarray, "3 3"]
 Matrix4 = Float[np.ndarray, "4 4"]
 
@@ -31,6 +33,18 @@ def matrix_rpy(rotation: Matrix3) -> tuple[float, float, float]:
     # With yaw known, roll follows from the two columns that remain, where the textbook formula divides zero by zero.
     roll = np.arctan2(s * rotation[0, 2] - c * rotation[1, 2], c * rotation[1, 1] - s * rotation[0, 1])
     return float(roll), float(pitch), float(yaw)
+
+
+def quaternion_matrix(xyzw: Sequence[float]) -> Matrix3:
+    """Rotation of a quaternion (x, y, z, w) of any length but zero."""
+    x, y, z, w = np.asarray(xyzw, dtype=np.float64) / math.hypot(*xyzw)
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
 
 
 def axis_angle_matrix(axis: Sequence[float], angle: float) -> Matrix3:

@@ -17,7 +17,7 @@ from bodyimage_kin.testing._spec import Case
 
 Status = Literal["passed", "failed", "not offered", "not asked"]
 
-_PACKAGES = ("bodyimage-kin", "hypothesis", "numpy", "torch", "pin", "pytorch-kinematics", "mujoco", "yourdfpy")
+_PACKAGES = ("bodyimage-kin", "hypothesis", "numpy", "torch", "pin", "pytorch-kinematics", "mujoco")
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>Conformance: {target}</title>
 <style>

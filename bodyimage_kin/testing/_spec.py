@@ -13,7 +13,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from jaxtyping import Float
 
-from bodyimage_kin.errors import InvalidPosture, UnknownName
+from bodyimage_kin.errors import InvalidPosture, InvalidURDF, UnknownName
+from bodyimage_kin.robot.tree import UNLIMITED
 
 if TYPE_CHECKING:
     from bodyimage_kin.robot import Robot
@@ -85,8 +86,8 @@ class RobotSpec:
             JointSpec(
                 *(joint.name, joint.kind, joint.parent, joint.child, joint.xyz, joint.rpy),
                 axis=None if joint.kind == "fixed" else joint.axis,
-                lower=joint.lower if joint.kind in ("revolute", "prismatic") else None,
-                upper=joint.upper if joint.kind in ("revolute", "prismatic") else None,
+                lower=max(joint.lower, -UNLIMITED) if joint.kind in ("revolute", "prismatic") else None,
+                upper=min(joint.upper, UNLIMITED) if joint.kind in ("revolute", "prismatic") else None,
                 mimic=joint.mimic.joint if joint.mimic else None,
                 multiplier=joint.mimic.multiplier if joint.mimic else None,
                 offset=joint.mimic.offset if joint.mimic else None,
@@ -95,8 +96,9 @@ class RobotSpec:
         )
         try:
             text = robot.source.decode()
-        except UnicodeDecodeError:
-            text = None  # in another encoding: the core says the same
+            type(robot).from_urdf(text, strict=True)
+        except (UnicodeDecodeError, InvalidURDF):
+            text = None  # in another encoding, or written carelessly: others may read it otherwise, the core is plain
         return cls(joints, robot.link_names, robot.name, text)
 
     @cached_property

@@ -3,7 +3,6 @@
 A test that fails here says that a library has been mended: remove the workaround that its comment names.
 """
 
-import io
 import subprocess
 import sys
 import textwrap
@@ -13,7 +12,7 @@ import pinocchio as pin
 import pytest
 import pytorch_kinematics
 import torch
-from robots import ONE_JOINT, STATUE, TRICKY, central, infant, tricky
+from robots import ONE_JOINT, STATUE, central, infant, tricky
 
 import bodyimage_kin as bk
 
@@ -172,16 +171,3 @@ def test_pytorch_kinematics_cannot_build_a_robot_of_one_link():
     # Workaround in the backend: it is not asked for the root.
     with pytest.raises(UnboundLocalError):
         pytorch_kinematics.build_chain_from_urdf(b'<robot name="stone"><link name="stone"/></robot>')
-
-
-# yourdfpy -------------------------------------------------------------------------------------------------------------
-
-
-def test_yourdfpy_repairs_what_is_broken():
-    # Why kinematics are read by our own strict reader, and yourdfpy reads geometry alone.
-    import yourdfpy
-
-    broken = TRICKY[: TRICKY.index('<joint name="nail"')].encode()
-    assert "tip" in yourdfpy.URDF.load(io.BytesIO(broken.strip()), load_meshes=False).link_map
-    with pytest.raises(bk.errors.InvalidURDF):
-        bk.Robot.from_urdf(broken)

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import torch
 
 from bodyimage_kin import metrics
+from bodyimage_kin.body.cameras import Tracker, VirtualScreen
 from bodyimage_kin.errors import InvalidArray
 
 ROWS, COLUMNS = np.mgrid[0:21, 0:21]
@@ -120,7 +122,83 @@ def test_undefined_is_nan():
 def test_scores_of_a_shrunken_map():
     found = metrics.scores(0.5 * TRUE, TRUE)
     np.testing.assert_allclose(found.pop("span"), [0.5, 0.5])
-    assert found == pytest.approx({"topological_error": 0, "folded_cells": 0, "disparity": 0, "scale": 0.5}, abs=1e-12)
+    kept = dict.fromkeys(("neighbours_kept", "trustworthiness", "continuity"), 1)
+    of_grid = {"topological_error": 0, "folded_cells": 0}
+    assert found == pytest.approx({**of_grid, **kept, "disparity": 0, "scale": 0.5}, abs=1e-12)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 4])
+def test_scores_of_any_skin_and_any_image(m):
+    rng = np.random.default_rng(m)
+    true = rng.normal(size=(60, m))
+    map = 0.4 * true @ np.linalg.qr(rng.normal(size=(m, m)))[0] + rng.normal(size=m)
+    if np.linalg.det(np.linalg.lstsq(true - true.mean(0), map - map.mean(0))[0]) < 0:
+        map[:, 0] = 2 * map[:, 0].mean() - map[:, 0]
+    found = metrics.scores(map, true)
+    assert found.pop("span").shape == (m,)
+    kept = dict.fromkeys(("neighbours_kept", "trustworthiness", "continuity"), 1)
+    assert found == pytest.approx({**kept, "disparity": 0, "scale": 0.4}, abs=1e-9)
+    # A mirrored map keeps every neighbour and no shape.
+    mirrored = metrics.scores(map * ([-1] + [1] * (m - 1)), true)
+    assert mirrored["neighbours_kept"] == 1
+    assert mirrored["disparity"] > (0.05 if m > 1 else 0.99)
+    with pytest.raises(InvalidArray, match=r"of grids, \(rows, columns, 2\): of other skins ask for neighbours_kept"):
+        metrics.topological_error(map)
+    with pytest.raises(InvalidArray, match="of grids"):
+        metrics.folded_cells(map)
+
+
+def test_scores_of_taught_taxels_alone():
+    rng = np.random.default_rng(0)
+    true, taught = rng.normal(size=(60, 2)), rng.uniform(size=60) < 0.7
+    map = np.where(taught[:, None], true, rng.normal(size=(60, 2)))
+    assert metrics.scores(map, true)["neighbours_kept"] < 0.8
+    found = metrics.scores(map, true, taught)
+    assert (found["neighbours_kept"], found["trustworthiness"], found["disparity"]) == pytest.approx((1, 1, 0))
+
+
+def test_error_in_space_undoes_the_projection():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(40, 3)) * [0.05, 0.05, 0.02] + [0, 0, 0.1]
+    screen = VirtualScreen(0.04)
+    aside = rng.normal(size=(40, 3)) * [0.01, 0.01, 0]
+    moved = screen.project(torch.from_numpy(points + aside)).numpy()
+    # Exact across the axis, however far off: a plane at one depth is seen to scale.
+    np.testing.assert_allclose(metrics.error_in_space(moved, points, screen), np.linalg.norm(aside, axis=-1))
+    # Along the line of sight nothing is seen.
+    there = metrics.error_in_space(screen.project(torch.from_numpy(2 * points)).numpy(), points, screen)
+    np.testing.assert_allclose(there, 0, atol=1e-15)
+    moved[3] = np.nan
+    points[4, 2] = -1
+    found = metrics.error_in_space(moved.reshape(8, 5, 2), points.reshape(8, 5, 3), screen)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found)), [3, 4])
+    with pytest.raises(InvalidArray, match=r"give \(\*taxels, 2\) \[m\]"):
+        metrics.error_in_space(moved, points[:, :2], screen)
+
+
+def test_error_in_space_of_a_tracker_is_the_distance():
+    rng = np.random.default_rng(0)
+    points, map = rng.normal(size=(2, 7, 3))
+    np.testing.assert_allclose(metrics.error_in_space(map, points, Tracker()), np.linalg.norm(map - points, axis=-1))
+
+
+def test_shuffled_touches_are_the_same_touches_at_other_times():
+    rng = np.random.default_rng(0)
+    touched = np.full((2, 300, 3), -1)
+    contact = rng.uniform(size=(2, 300)) < 0.6
+    touched[contact, 0] = rng.integers(0, 50, contact.sum())
+    touched[contact & (rng.uniform(size=(2, 300)) < 0.3), 1] = 7
+    before = touched.copy()
+    found = metrics.shuffled_touches(touched, seed=1)
+    np.testing.assert_array_equal(touched, before)
+    np.testing.assert_array_equal((found >= 0).any(-1), contact)
+    assert sorted(map(tuple, found.reshape(-1, 3).tolist())) == sorted(map(tuple, touched.reshape(-1, 3).tolist()))
+    assert (found == touched)[contact].all(-1).mean() < 0.1
+    np.testing.assert_array_equal(found, metrics.shuffled_touches(touched, seed=1))
+    assert not np.array_equal(found, metrics.shuffled_touches(touched, seed=2))
+    for wrong in (1.0 * touched, touched >= 0, np.int64(3)):
+        with pytest.raises(InvalidArray, match="touched"):
+            metrics.shuffled_touches(wrong, seed=0)
 
 
 def test_bad_inputs_are_named():
@@ -130,29 +208,6 @@ def test_bad_inputs_are_named():
         metrics.span(TRUE, TRUE, np.ones(441))
     with pytest.raises(InvalidArray, match="not negative"):
         metrics.span(TRUE, TRUE, -np.ones((21, 21)))
-
-
-LANDMARKS = {"left_eye": 105, "right_eye": 115, "nose": 215, "mouth": 325}  # rows 5, 5, 10, 15; columns 0, 10, 5, 10
-
-
-def test_landmark_relations_are_those_of_the_truth():
-    found = metrics.landmark_relations(TRUE, LANDMARKS)
-    assert all(found.values())
-    assert "left_eye above nose" in found
-    assert "left_eye left of right_eye" in found
-    assert not {"left_eye above right_eye", "right_eye above left_eye", "nose above left_eye"} & set(found)
-    assert found == metrics.landmark_relations(TRUE, LANDMARKS, true=TRUE + 1e-12)
-    assert found == metrics.landmark_relations(TRUE, dict(reversed(LANDMARKS.items())))
-
-
-def test_landmark_relations_that_a_map_loses():
-    mirrored = metrics.landmark_relations(MIRRORED, LANDMARKS)
-    assert not any(kept for relation, kept in mirrored.items() if "left of" in relation)
-    assert all(kept for relation, kept in mirrored.items() if "above" in relation)
-    assert not any(metrics.landmark_relations(0 * TRUE, LANDMARKS).values())
-    assert not any(metrics.landmark_relations(np.nan * TRUE, LANDMARKS).values())
-    with pytest.raises(InvalidArray, match="'nose' is taxel 441"):
-        metrics.landmark_relations(TRUE, {"nose": 441})
 
 
 def test_permuted_labels_return_to_chance():

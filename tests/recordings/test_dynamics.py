@@ -110,7 +110,8 @@ def test_controls_put_the_damper_on_the_velocity_relative_to_the_target(body):
 def test_mass_is_that_of_the_links(body):
     model = build(body)
     arm = ("shoulder_pitch_link", "shoulder_roll_link", "upper_arm", "forearm", "palm", "hand")
-    expected = sum(mujoco_model._inertials(body.robot)[f"left_{link}"].mass for link in arm)
+    inertials = {link: body.robot.geometry[f"left_{link}"].inertial for link in arm}
+    expected = sum(inertial.mass for inertial in inertials.values())
     assert model.body_mass.sum() == pytest.approx(expected, rel=1e-12)
     # Palm and fist move as one: their common inertia about an axis is that of two bodies apart.
     data = mujoco.MjData(model)
@@ -118,16 +119,14 @@ def test_mass_is_that_of_the_links(body):
     mujoco.mj_forward(model, data)
     full = np.empty((5, 5))
     mujoco.mj_fullM(model, data, full)
-    inertials = mujoco_model._inertials(body.robot)
     expected = np.zeros((5, 5))
     q = body.felt_home
     for link in arm:
-        inertial = inertials[f"left_{link}"]
+        inertial = inertials[link]
         pose, jacobian = body.kinematics.pose_and_jacobian(q, f"left_{link}")
         pose, jacobian = pose.numpy(), jacobian.numpy()
-        origin = np.eye(4) if inertial.origin is None else inertial.origin
-        turned = pose[:3, :3] @ origin[:3, :3]
-        linear = jacobian[:3] + np.cross(jacobian[3:].T, pose[:3, :3] @ origin[:3, 3]).T
+        turned = pose[:3, :3] @ inertial.origin[:3, :3]
+        linear = jacobian[:3] + np.cross(jacobian[3:].T, pose[:3, :3] @ inertial.origin[:3, 3]).T
         expected += inertial.mass * linear.T @ linear
         expected += jacobian[3:].T @ turned @ inertial.inertia @ turned.T @ jacobian[3:]
     assert np.abs(full - expected).max() < 1e-9 * np.abs(expected).max()

@@ -15,6 +15,7 @@ SHAPES = {
     "sphere": Shape("sphere", (0.07,), PLACE),
     "box": Shape("box", (0.05, 0.08, 0.03), PLACE),
     "cylinder": Shape("cylinder", (0.04, 0.09), PLACE),
+    "capsule": Shape("capsule", (0.04, 0.06), PLACE),
 }
 
 
@@ -25,6 +26,9 @@ def depth(shape, points):
         return shape.size[0] - np.linalg.norm(p, axis=-1)
     if shape.kind == "box":
         return (np.array(shape.size) - np.abs(p)).min(-1)
+    if shape.kind == "capsule":
+        above = np.maximum(np.abs(p[..., 2]) - shape.size[1], 0.0)
+        return shape.size[0] - np.hypot(np.hypot(p[..., 0], p[..., 1]), above)
     return np.minimum(shape.size[0] - np.linalg.norm(p[..., :2], axis=-1), shape.size[1] - np.abs(p[..., 2]))
 
 
@@ -69,8 +73,8 @@ def test_rays_stop_where_they_first_meet_the_surface(kind):
 
 
 def test_a_normal_is_perpendicular_to_the_surface():
-    # On a sphere and a cylinder's side the normal is the gradient of the depth.
-    for kind in ("sphere", "cylinder"):
+    # On a sphere, a capsule and a cylinder's side the normal is the gradient of the depth.
+    for kind in ("sphere", "cylinder", "capsule"):
         shape = SHAPES[kind]
         origins = PLACE[:3, 3] + np.array([[0.2, 0.05, 0.03], [-0.2, 0.1, 0.0], [0.1, 0.2, -0.02]])
         points, normals = cast((shape,), origins, PLACE[:3, 3] - origins)
@@ -132,6 +136,7 @@ def test_shapes_are_read_with_their_places():
     origin = '<origin xyz="0.01 0.02 -0.03" rpy="0.3 -0.4 0.5"/>'
     geometries = (
         '<sphere radius="0.07"/>', '<box size="0.1 0.16 0.06"/>', '<cylinder radius="0.04" length="0.18"/>',
+        '<capsule radius="0.04" length="0.12"/>',
     )  # fmt: skip
     collisions = "".join(f"<collision>{origin}<geometry>{geometry}</geometry></collision>" for geometry in geometries)
     for shape, expected in zip(collision_shapes(link(collisions), "head"), SHAPES.values(), strict=True):
@@ -143,7 +148,7 @@ def test_shapes_are_read_with_their_places():
 def test_a_link_without_usable_shapes_is_refused():
     with pytest.raises(InvalidGeometry, match="'head' has no collision shape"):
         collision_shapes(link(""), "head")
-    with pytest.raises(InvalidGeometry, match="boxes, cylinders or spheres"):
+    with pytest.raises(InvalidGeometry, match="boxes, cylinders, capsules or spheres"):
         collision_shapes(link('<collision><geometry><mesh filename="a.stl"/></geometry></collision>'), "head")
     with pytest.raises(UnknownName, match="no link 'heda'; did you mean 'head'"):
         collision_shapes(link(""), "heda")

@@ -1,0 +1,95 @@
+"""Shapes as triangles; mesh files are read from the folder of the URDF (or one that the caller names) or not at all.
+
+Nothing is fetched, and no mesh can make us read further files.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodyimage_kin.errors import InvalidGeometry
+from bodyimage_kin.robot.geometry import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+
+if TYPE_CHECKING:
+    import trimesh
+
+MESH_SUFFIXES = frozenset({".stl", ".obj", ".dae", ".ply", ".off", ".glb"})
+"""The mesh files that are read."""
+_SECTIONS = 64
+"""Facets around a cylinder."""
+
+
+def triangulate(shape: Shape, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> trimesh.Trimesh:
+    """A shape as a mesh, about its own origin [m].
+
+    Args:
+        shape: What to triangulate.
+        link: Whose it is, for errors.
+        file: The URDF's own; meshes may be read from its folder.
+        mesh_folder: Where meshes may be read instead, subfolders included.
+
+    Raises:
+        InvalidGeometry: A mesh that is missing, outside its folder, or cannot be read.
+    """
+    # Not at the top of the module: whoever draws nothing need not wait for it.
+    import trimesh
+
+    match shape:
+        case Box(size):
+            return trimesh.creation.box(extents=size)
+        case Sphere(radius):
+            return trimesh.creation.icosphere(subdivisions=4 if radius > 0.03 else 3, radius=radius)
+        case Cylinder(radius, length):
+            return trimesh.creation.cylinder(radius=radius, height=length, sections=_SECTIONS)
+        case Capsule(radius, length):
+            capsule = trimesh.creation.capsule(height=length, radius=radius, count=[_SECTIONS // 2, _SECTIONS])
+            # One end of its cylinder stands at the origin.
+            return capsule.apply_translation([0.0, 0.0, -capsule.bounds.mean(0)[2]])
+    return load_mesh(shape, link, file, mesh_folder)
+
+
+def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> trimesh.Trimesh:
+    """The triangles of a mesh file, scaled [m]; see :func:`triangulate`."""
+    import trimesh
+
+    path = _find(mesh.filename, link, file and file.parent, mesh_folder)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # From bytes and without a resolver: a mesh that refers to further files cannot make us read them.
+            loaded: Any = trimesh.load(
+                io.BytesIO(path.read_bytes()), file_type=path.suffix[1:].lower(), force="mesh", skip_materials=True
+            )
+        if not len(loaded.faces):
+            raise ValueError("it has no triangles")
+    except Exception as problem:
+        raise InvalidGeometry(f"link {link!r}: mesh {path} cannot be read: {problem}; mend the file") from problem
+    loaded.apply_transform(np.diag([*mesh.scale, 1.0]))
+    return loaded
+
+
+def _find(name: str, link: str, home: Path | None, folder: Path | None) -> Path:
+    allowed = folder or home
+    if allowed is None:
+        raise InvalidGeometry(f"link {link!r}: mesh {name!r} of a robot given as XML; say where in mesh_folder")
+    package = re.fullmatch(r"package://([^/]+)/(.+)", name)
+    if package:
+        # A package is a folder of that name among the meshes, or the folder of meshes itself.
+        candidates = [allowed / package[1] / package[2], allowed / package[2]]
+    else:
+        candidates = [(home or allowed) / name.removeprefix("file://"), allowed / name.removeprefix("file://")]
+    inside = [path for path in map(Path.resolve, candidates) if path.is_relative_to(allowed.resolve())]
+    if not inside:
+        raise InvalidGeometry(f"link {link!r}: mesh {name!r} is outside {allowed}; widen mesh_folder if it is yours")
+    if inside[0].suffix.lower() not in MESH_SUFFIXES:
+        raise InvalidGeometry(f"link {link!r}: mesh {name!r} is none of {', '.join(sorted(MESH_SUFFIXES))}; convert it")
+    for path in inside:
+        if path.is_file():
+            return path
+    raise InvalidGeometry(f"link {link!r}: mesh {name!r} is not in {allowed}; set mesh_folder to where it is")
