@@ -11,14 +11,26 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from bodyimage_kin import body_image as body_image
     from bodyimage_kin import errors as errors
     from bodyimage_kin import estimators as estimators
+    from bodyimage_kin import figures as figures
     from bodyimage_kin import metrics as metrics
+    from bodyimage_kin import published as published
+    from bodyimage_kin import recordings as recordings
     from bodyimage_kin import report as report
+    from bodyimage_kin import study as study
+    from bodyimage_kin import testing as testing
     from bodyimage_kin.backends import Kinematics as Kinematics
     from bodyimage_kin.backends import RobotKinematics as RobotKinematics
     from bodyimage_kin.backends import backends as backends
     from bodyimage_kin.backends import kinematics as kinematics
+    from bodyimage_kin.body import Camera as Camera
+    from bodyimage_kin.body import Hand as Hand
+    from bodyimage_kin.body import Pinhole as Pinhole
+    from bodyimage_kin.body import Stereo as Stereo
+    from bodyimage_kin.body import Tracker as Tracker
+    from bodyimage_kin.body import VirtualScreen as VirtualScreen
     from bodyimage_kin.body.embodiment import Embodiment as Embodiment
     from bodyimage_kin.body.file import embodiments as embodiments
     from bodyimage_kin.body.file import load_embodiment as load_embodiment
@@ -37,48 +49,57 @@ if TYPE_CHECKING:
     from bodyimage_kin.robot import Robot as Robot
     from bodyimage_kin.study import Study as Study
 
-# Public name -> the module that has it.
-_EXPORTS = {
-    "BodyImage": "bodyimage_kin.body_image",
-    "BodyImageKinError": "bodyimage_kin.errors",
-    "Drag": "bodyimage_kin.recordings",
-    "Embodiment": "bodyimage_kin.body.embodiment",
-    "Kinematics": "bodyimage_kin.backends",
-    "Noise": "bodyimage_kin.recordings",
-    "Robot": "bodyimage_kin.robot",
-    "RobotKinematics": "bodyimage_kin.backends",
-    "Study": "bodyimage_kin.study",
-    "embodiments": "bodyimage_kin.body.file",
-    "experience": "bodyimage_kin.recordings",
-    "integrate": "bodyimage_kin.body_image",
-    "kinematics": "bodyimage_kin.backends",
-    "load_embodiment": "bodyimage_kin.body.file",
-    "load_learned": "bodyimage_kin.estimators",
-    "read_recording": "bodyimage_kin.recordings",
-    "simulate": "bodyimage_kin.recordings",
-    "write_recording": "bodyimage_kin.recordings",
-}
-# Public modules. ``backends`` is one that can be called: ``bk.backends()`` lists them.
-_MODULES = {
-    "backends": "bodyimage_kin.backends",
-    "errors": "bodyimage_kin.errors",
-    "estimators": "bodyimage_kin.estimators",
-    "metrics": "bodyimage_kin.metrics",
-    "motions": "bodyimage_kin.recordings.motions",
-    "probes": "bodyimage_kin.metrics.probes",
-    "report": "bodyimage_kin.report",
+# Public name -> the module that it is, or module:name. ``backends`` is a module that can be called: it lists them.
+_PUBLIC = {
+    "BodyImage": "body_image:BodyImage",
+    "BodyImageKinError": "errors:BodyImageKinError",
+    "Camera": "body:Camera",
+    "Drag": "recordings:Drag",
+    "Embodiment": "body.embodiment:Embodiment",
+    "Hand": "body:Hand",
+    "Kinematics": "backends:Kinematics",
+    "Noise": "recordings:Noise",
+    "Pinhole": "body:Pinhole",
+    "Robot": "robot:Robot",
+    "RobotKinematics": "backends:RobotKinematics",
+    "Stereo": "body:Stereo",
+    "Study": "study:Study",
+    "Tracker": "body:Tracker",
+    "VirtualScreen": "body:VirtualScreen",
+    "backends": "backends",
+    "body_image": "body_image",
+    "embodiments": "body.file:embodiments",
+    "errors": "errors",
+    "estimators": "estimators",
+    "experience": "recordings:experience",
+    "figures": "figures",
+    "integrate": "body_image:integrate",
+    "kinematics": "backends:kinematics",
+    "load_embodiment": "body.file:load_embodiment",
+    "load_learned": "estimators:load_learned",
+    "metrics": "metrics",
+    "motions": "recordings.motions",
+    "probes": "metrics.probes",
+    "published": "published",
+    "read_recording": "recordings:read_recording",
+    "recordings": "recordings",
+    "report": "report",
+    "simulate": "recordings.simulation:simulate",
+    "study": "study",
+    "testing": "testing",
+    "write_recording": "recordings:write_recording",
 }
 
-__all__ = ["__version__", *sorted({*_EXPORTS, *_MODULES})]
+__all__ = ["__version__", *sorted(_PUBLIC)]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        value: Any = importlib.import_module(_MODULES[name])
-    elif name in _EXPORTS:
-        value = getattr(importlib.import_module(_EXPORTS[name]), name)
-    else:
+    if name not in _PUBLIC:
         raise AttributeError(f"module 'bodyimage_kin' has no attribute {name!r}")
+    module, _, attribute = _PUBLIC[name].partition(":")
+    value: Any = importlib.import_module(f"bodyimage_kin.{module}")
+    if attribute:
+        value = getattr(value, attribute)
     globals()[name] = value
     return value
 

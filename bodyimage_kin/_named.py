@@ -1,4 +1,4 @@
-"""Classes that users name in text, ``"package.module:Class"``: found, and checked before anything is built of them."""
+"""What users name in text, ``"package.module:Class"``: found, and checked before anything is built of it."""
 
 from __future__ import annotations
 
@@ -15,17 +15,36 @@ from bodyimage_kin.errors import InvalidConfig
 def named_class(kind: str, place: str, methods: Sequence[str], folder: Path | None = None) -> type[Any]:
     """The class at a place, imported but not built.
 
-    Its module is looked for in what is installed, then in ``folder``, then in the current folder; the folder that has
-    it is searched last by every import after that. No other file of a folder is imported.
-
     Args:
         kind: What it is to be, for an error: ``"backend"``.
         place: ``"package.module:Class"``.
         methods: What makes it such a thing: the names of methods, one of which it must have.
+        folder: As of :func:`named_object`.
+
+    Raises:
+        InvalidConfig: As :func:`named_object`, or what is there is no class of that kind.
+    """
+    found = named_object(kind, place, folder)
+    fits = isinstance(found, type) and any(callable(getattr(found, method, None)) for method in methods)
+    if not fits:
+        said = "" if isinstance(found, type) else f" (it is no class but a {type(found).__name__})"
+        raise InvalidConfig(f"{kind} {place!r} has no method {' or '.join(methods)}{said}; name a class that has")
+    return found
+
+
+def named_object(kind: str, place: str, folder: Path | None = None) -> Any:
+    """What stands at a place; its module is imported.
+
+    The module is looked for in what is installed, then in ``folder``, then in the current folder; the folder that has
+    it is searched last by every import after that. No other file of a folder is imported.
+
+    Args:
+        kind: What it is to be, for an error: ``"score"``.
+        place: ``"package.module:NAME"``.
         folder: Where the file lies that names it.
 
     Raises:
-        InvalidConfig: There is no such module, importing it fails, or what is there is no class of that kind.
+        InvalidConfig: There is no such module, importing it fails, or it has nothing of that name.
     """
     module, _, attribute = place.partition(":")
     if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
@@ -49,10 +68,6 @@ def named_class(kind: str, place: str, methods: Sequence[str], folder: Path | No
         if not hasattr(found, part):
             raise InvalidConfig(f"cannot load {kind} {place!r}: '{module}' has no '{attribute}'; name a class in it")
         found = getattr(found, part)
-    fits = isinstance(found, type) and any(callable(getattr(found, method, None)) for method in methods)
-    if not fits:
-        said = "" if isinstance(found, type) else f" (it is no class but a {type(found).__name__})"
-        raise InvalidConfig(f"{kind} {place!r} has no method {' or '.join(methods)}{said}; name a class that has")
     return found
 
 

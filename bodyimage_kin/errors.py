@@ -5,6 +5,25 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+__all__ = [
+    "BodyImageKinError",
+    "FoldedLens",
+    "InvalidArray",
+    "InvalidConfig",
+    "InvalidGeometry",
+    "InvalidPosture",
+    "InvalidRecording",
+    "InvalidURDF",
+    "MissingDependency",
+    "NoSkin",
+    "NotDifferentiable",
+    "NotVisible",
+    "OutputRefused",
+    "UnknownName",
+    "Unreachable",
+    "UnsupportedDevice",
+]
+
 
 class BodyImageKinError(Exception):
     """Base of all errors raised on purpose by this package."""

@@ -1,18 +1,21 @@
 """The public face: names, and what importing them costs."""
 
+import ast
 import importlib
 import importlib.util
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 import bodyimage_kin as bk
 
 NAMES = (
-    "BodyImage", "Drag", "Embodiment", "Kinematics", "Noise", "Robot", "backends", "embodiments", "errors",
-    "estimators", "experience", "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "motions",
-    "probes", "read_recording", "report", "simulate", "write_recording",
+    "BodyImage", "Camera", "Drag", "Embodiment", "Hand", "Kinematics", "Noise", "Pinhole", "Robot", "Stereo", "Study",
+    "Tracker", "VirtualScreen", "backends", "body_image", "embodiments", "errors", "estimators", "experience",
+    "figures", "integrate", "kinematics", "load_embodiment", "load_learned", "metrics", "motions", "probes",
+    "published", "read_recording", "recordings", "report", "simulate", "study", "testing", "write_recording",
 )  # fmt: skip
 METHODS = {
     "Robot": "from_urdf name root link_names joint_names lower upper sample subtree to_urdf sha256",
@@ -24,6 +27,12 @@ METHODS = {
     "metrics": "jacobian_errors attribute excitation motion_metric depth_ratio",
     "probes": "Probe Training Face JointSpace",
     "estimators": "names LeastSquares PaperMLP Analytic",
+}
+
+
+HEAVY = {
+    *("torch", "pinocchio", "pytorch_kinematics", "numba", "mujoco", "xarray", "matplotlib", "scipy", "numpy"),
+    *("hypothesis", "pandas", "h5py", "trimesh", "yourdfpy"),
 }
 
 
@@ -40,6 +49,30 @@ def test_every_public_name_is_there():
     assert dir(bk) == sorted(bk.__all__)
     for name in bk.__all__:
         assert getattr(bk, name) is not None
+
+
+def test_type_checkers_are_told_the_same_names():
+    tree = ast.parse(Path(bk.__file__).read_text(encoding="utf-8"))
+    told = next(node for node in tree.body if isinstance(node, ast.If) and node.test.id == "TYPE_CHECKING")
+    names = [alias.asname for node in told.body for alias in node.names]
+    assert len(names) == len(set(names))
+    assert {*names, "__version__"} == set(bk.__all__)
+    for node in told.body:
+        for alias in node.names:
+            # The same object, and not another of the same name.
+            assert alias.name == alias.asname
+            found = importlib.import_module(node.module)
+            if node.module != "bodyimage_kin":
+                assert getattr(bk, alias.name) in (found, getattr(found, alias.name))
+
+
+def test_a_room_is_there_before_anything_of_it_was_used():
+    loaded_by(
+        "import bodyimage_kin as bk\n"
+        "assert bk.study.Study is bk.Study\n"
+        "assert bk.probes.Face is bk.metrics.probes.Face\n"
+        "assert {'study', 'published', 'testing'} <= set(dir(bk))"
+    )
 
 
 @pytest.mark.parametrize("owner", METHODS)
@@ -66,8 +99,13 @@ def test_backends_is_a_module_that_can_be_called():
 def test_importing_it_does_not_import_what_is_heavy(module):
     if importlib.util.find_spec(module) is None:
         pytest.skip(f"there is no {module} yet")
-    heavy = {"torch", "pinocchio", "pytorch_kinematics", "numba", "mujoco", "xarray", "matplotlib", "scipy"}
-    assert not heavy & loaded_by(f"import {module}")
+    assert not HEAVY & loaded_by(f"import {module}")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["study", "--help"], ["conform", "--help"]])
+def test_help_answers_at_once(arguments):
+    code = f"from bodyimage_kin.cli import main\ntry:\n    main({arguments})\n"
+    assert not HEAVY & loaded_by(f"{code}except SystemExit as end:\n    assert not end.code")
 
 
 def test_reading_a_robot_does_not_import_a_library_of_kinematics():

@@ -187,6 +187,53 @@ def test_the_law_of_rooms_sees_what_is_wrong(module: str, code: str, problem: st
     assert all(problem in text for text in found.values())
 
 
+# What is public -------------------------------------------------------------------------------------------------------
+
+LACKING = {
+    *("backends", "body", "estimators", "figures", "metrics", "published", "recordings", "report", "robot", "study"),
+}
+"""Rooms with a public module that does not say yet what is public in it; may only shrink."""
+
+
+def public_names(tree: ast.Module) -> list[str] | None:
+    """What ``__all__`` says; None without one."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id == "__all__":
+            return list(ast.literal_eval(node.value))
+    return None
+
+
+def top_level_names(tree: ast.Module) -> set[str]:
+    """Names that a module binds where everybody sees them."""
+    found = set()
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {alias.asname or alias.name for alias in node.names}
+    return found
+
+
+def test_every_public_module_says_what_is_public_in_it() -> None:
+    lacking = set()
+    for module, path in MODULES.items():
+        if not module or not is_public(module):
+            continue
+        tree = parsed(path)
+        said = public_names(tree)
+        if said is None:
+            lacking.add(module.partition(".")[0])
+            continue
+        assert len(said) == len(set(said)), module
+        assert not [name for name in said if name.startswith("_")], module
+        assert set(said) <= top_level_names(tree), f"{module} has no {set(said) - top_level_names(tree)}"
+    assert lacking <= LACKING, f"give __all__ to the modules of {lacking - LACKING}"
+    assert lacking >= LACKING, f"they all have one, take them from LACKING: {LACKING - lacking}"
+
+
 # What stands outside the package --------------------------------------------------------------------------------------
 
 
@@ -225,5 +272,9 @@ def test_comparisons_and_pages_use_public_names_only() -> None:
             private = any(part.startswith("_") and part != "__version__" for part in used.module.split("."))
             if private or used.private:
                 found.add((where, f"{used.module}.{used.name}".strip(".")))
+            said = public_names(parsed(MODULES[used.module])) if used.module and used.name and not private else None
+            assert said is None or used.name in said, (
+                f"{where}, line {used.line}: {used.module} keeps {used.name} to itself"
+            )
     assert found <= PRIVATE_OUTSIDE, found - PRIVATE_OUTSIDE
     assert not PRIVATE_OUTSIDE - found, f"no longer there, take them from PRIVATE_OUTSIDE: {PRIVATE_OUTSIDE - found}"

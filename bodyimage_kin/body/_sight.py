@@ -83,18 +83,17 @@ class Sight(NamedTuple):
             image, jacobian = torch.cat([left.image, right.image], 1), torch.cat([left.jacobian, right.jacobian], 1)
             return Seen(image, left.none | right.none, jacobian)
         image, depth, jacobian = self.chain.image_and_jacobian(q, offsets=offsets)
-        if type(self.model) is VirtualScreen:
-            none = depth <= 0.0
+        if type(self.model) in (VirtualScreen, Pinhole):
+            none = depth <= 0.0 if type(self.model) is VirtualScreen else image[:, 0].isnan()
             if bool(none.any()):
                 image.masked_fill_(none[:, None], torch.nan)
                 jacobian.masked_fill_(none[:, None, None], torch.nan)
             return Seen(image, none, jacobian)
         if type(self.model) is Tracker:
             return Seen(image, torch.zeros_like(depth, dtype=torch.bool), jacobian)
-        if type(self.model) is not Pinhole:
-            with torch.no_grad():
-                point, image = image, self.model.project(image)
-                jacobian = self.model.derivative(point) @ jacobian if with_jacobian else jacobian
+        with torch.no_grad():
+            point, image = image, self.model.project(image)
+            jacobian = self.model.derivative(point) @ jacobian if with_jacobian else jacobian
         return Seen(image, image.isnan().any(-1), jacobian)
 
 

@@ -29,8 +29,8 @@ from bodyimage_kin.errors import FoldedLens, InvalidConfig
 
 __all__ = ["Pinhole"]
 
-_CONVERGED = 1e-10
-"""Largest error of an undistorted pixel, projected again [px]."""
+_CONVERGED = 1e-11
+"""Error of an undistorted pixel, projected again, that needs no further step [px]."""
 _STEPS, _HALVINGS = 60, 30
 _DIRECTIONS = 720
 _LARGEST = 1e9
@@ -184,13 +184,13 @@ class Pinhole:
 
     def _newton(self, wanted: Float[Tensor, "count 2"], focal: Float[Tensor, "2"]) -> Float[Tensor, "count 2"]:
         """Directions whose distorted ones are wanted; every step brings each nearer, and stays where a lens is."""
-        rounding = 16 * torch.finfo(torch.float64).eps * float((wanted * focal).abs().amax()) if len(wanted) else 0.0
+        rounding = 4 * torch.finfo(torch.float64).eps * (wanted * focal).abs()
         inside = 0.5 * self.fold if math.isfinite(self.fold) else math.inf
         size = torch.linalg.vector_norm(wanted, dim=-1, keepdim=True)
         here = wanted * torch.where(size > inside, inside / size, 1.0)
         off = torch.stack(self._distorted(*here.unbind(-1)), -1) - wanted
         for _ in range(_STEPS):
-            if bool(((off * focal).abs() <= max(_CONVERGED, rounding)).all()):
+            if bool(((off * focal).abs() <= rounding.clamp(min=_CONVERGED)).all()):
                 break
             xu, xv, yv = self._slopes(*here.unbind(-1))
             x, y = off.unbind(-1)

@@ -8,3 +8,14 @@ from bodyimage_kin.body_image.kernel import expected_map as expected_map
 from bodyimage_kin.body_image.maps import BodyImage as BodyImage
 from bodyimage_kin.body_image.posture_som import PostureSOM as PostureSOM
 from bodyimage_kin.body_image.posture_to_image import PostureToImage as PostureToImage
+
+__all__ = [
+    "BodyImage",
+    "HebbianMap",
+    "PostureSOM",
+    "PostureToImage",
+    "activation",
+    "expected_map",
+    "hebbian_map",
+    "integrate",
+]

@@ -13,6 +13,8 @@ from bodyimage_kin.body_image._touches import image_bounds, silent, touches
 from bodyimage_kin.body_image.kernel import KERNELS, kernel_matrix
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 
+__all__ = ["HebbianMap", "hebbian_map"]
+
 
 @dataclass(frozen=True, eq=False)
 class HebbianMap:

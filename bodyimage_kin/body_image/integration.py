@@ -18,6 +18,8 @@ from jaxtyping import Bool, Float
 from bodyimage_kin.body_image._checks import choice, float_array, postures, variable, whole
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 
+__all__ = ["METHODS", "RESETS", "integrate"]
+
 RESETS = ("reference", "posture_map", "secant", "true", "none")
 METHODS = ("euler", "midpoint")
 

@@ -10,6 +10,8 @@ from jaxtyping import Float
 from bodyimage_kin.body_image._checks import choice, float_array, grid_shape, number, whole
 from bodyimage_kin.errors import InvalidArray
 
+__all__ = ["KERNELS", "activation", "expected_map", "exponents", "kernel_matrix", "window"]
+
 KERNELS = ("squared", "plain")
 
 

@@ -22,6 +22,8 @@ from bodyimage_kin.body_image.kernel import KERNELS, exponents
 from bodyimage_kin.body_image.posture_som import PostureSOM
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 
+__all__ = ["ALPHAS", "SILENCE_MODES", "SNAPSHOTS", "BodyImage"]
+
 ALPHAS = ("geometric", "constant", "per_visit")
 SILENCE_MODES = ("touch", "taxel")
 SNAPSHOTS = (0, 1200, 2400, 3600, 4800, 7200, 8000)

@@ -11,6 +11,8 @@ from jaxtyping import Float, Int
 from bodyimage_kin.body_image._checks import float_array, grid_shape, whole
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
 
+__all__ = ["PostureSOM"]
+
 _UPDATES_PER_UNIT = 100
 
 

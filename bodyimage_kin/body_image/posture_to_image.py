@@ -12,6 +12,8 @@ from jaxtyping import Float
 from bodyimage_kin.body_image._checks import number, postures, variable, whole
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
 
+__all__ = ["PostureToImage"]
+
 
 @dataclass(frozen=True, eq=False)
 class PostureToImage:

@@ -16,6 +16,8 @@ import tyro
 
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
 
+__all__ = ["main"]
+
 
 @dataclass(frozen=True)
 class Reproduce:

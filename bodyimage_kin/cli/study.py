@@ -16,6 +16,8 @@ from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.study import Study
 from bodyimage_kin.study.summary import failures
 
+__all__ = ["FAILED", "fit_command", "report_command", "status_command", "study_command"]
+
 FAILED = 1
 """Exit status of a run that is complete, but for cells that failed."""
 

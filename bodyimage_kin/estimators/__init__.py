@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from bodyimage_kin.estimators import nulls
-from bodyimage_kin.estimators._samples import Pairs, edges, pairs
+from bodyimage_kin.estimators._samples import Pairs, edges, fold_of_each, pairs
 from bodyimage_kin.estimators.analytic import Analytic
 from bodyimage_kin.estimators.base import Estimator, Learned, LearnedImage, LearnedJacobian, load_learned
 from bodyimage_kin.estimators.ensemble import Ensemble, EnsembleJacobian
 from bodyimage_kin.estimators.gaussian_process import GaussianProcess, RadialProcess, TrigProcess
+from bodyimage_kin.estimators.given import Given, GivenImage, GivenJacobian, Saved
 from bodyimage_kin.estimators.least_squares import ConstantJacobian, LeastSquares
 from bodyimage_kin.estimators.neighbours import LocallyWeighted, NearestNeighbours, NeighbourJacobian, WeightedJacobian
 from bodyimage_kin.estimators.networks import (
@@ -36,6 +37,9 @@ __all__ = [
     "Estimator",
     "ForwardNetwork",
     "GaussianProcess",
+    "Given",
+    "GivenImage",
+    "GivenJacobian",
     "JacobianNetwork",
     "Kalman",
     "Learned",
@@ -56,12 +60,14 @@ __all__ = [
     "RationalTrig",
     "RecursiveLeastSquares",
     "Ridge",
+    "Saved",
     "SelfCalibration",
     "TrigImage",
     "TrigProcess",
     "TrigRidge",
     "WeightedJacobian",
     "edges",
+    "fold_of_each",
     "load_learned",
     "names",
     "nulls",
@@ -86,6 +92,8 @@ _SPECS: tuple[type[Estimator], ...] = (
     Ensemble,
     SelfCalibration,
     Analytic,
+    Given,
+    Saved,
 )
 
 

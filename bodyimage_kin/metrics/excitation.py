@@ -16,6 +16,7 @@ from jaxtyping import Float
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin._checks import choice, number
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
+from bodyimage_kin.estimators import edges
 from bodyimage_kin.metrics._whitening import Metric, metric_root, square_root
 
 Motion: TypeAlias = xr.Dataset | ArrayLike
@@ -76,7 +77,8 @@ def motion_metric(recording: Motion, of: Of = "felt") -> Float[np.ndarray, "p p"
     In this metric the squared norm of a Jacobian is the mean squared image displacement that the motion causes.
 
     Args:
-        recording: A recording, its motion between successive samples; or joint displacements (*steps, p) [rad or m].
+        recording: A recording, its motion between successive samples (of a scattered one, along the edges between
+            postures near each other); or joint displacements (*steps, p) [rad or m].
             Rows that are not finite are left out.
         of: The ``"felt"`` motion of a recording or its ``"true"`` one; of displacements, what they are.
 
@@ -85,7 +87,7 @@ def motion_metric(recording: Motion, of: Of = "felt") -> Float[np.ndarray, "p p"
 
     Raises:
         InvalidConfig: Neither felt nor true.
-        InvalidRecording: A recording without such postures, or one that has no order in time.
+        InvalidRecording: A recording without such postures.
         InvalidArray: No numbers, no finite row, or nothing that moves.
     """
     gram = _mean_gram(recording, of, "the motion")
@@ -106,7 +108,7 @@ def excitation(training: Motion, use: Motion, of: Of = "felt", cut: float | int 
 
     Raises:
         InvalidConfig: Neither felt nor true, or a cut that is negative or not finite.
-        InvalidRecording: A recording without such postures, or one that has no order in time.
+        InvalidRecording: A recording without such postures.
         InvalidArray: No numbers, of different p, without a finite row, or a use that does not move.
     """
     cut = number("cut", cut, least=0.0)
@@ -138,6 +140,11 @@ def _steps(motion: Motion, of: Of, name: str) -> Float[np.ndarray, "*steps p"]:
     variable = "q" if of == "felt" else "true_q"
     if variable not in motion:
         raise InvalidRecording(f"{name}: the recording has no variable '{variable}', its {of} postures")
-    if motion.attrs.get("order") == "scattered":
-        raise InvalidRecording(f"{name}: a scattered recording has no steps; give joint displacements (*steps, p)")
-    return np.diff(as_float_array(motion[variable].values, variable, ndim=3), axis=-2)
+    q = as_float_array(motion[variable].values, variable, ndim=3)
+    if motion.attrs.get("order", "stream") == "stream":
+        return np.diff(q, axis=-2)
+    q = q[np.isfinite(q).all(-1)]
+    if len(q) < 2:
+        raise InvalidRecording(f"{name}: the recording has {len(q)} postures; give one of a motion")
+    ends = edges(q)
+    return q[ends[:, 1]] - q[ends[:, 0]]

@@ -1,8 +1,9 @@
-"""Seen data that are hidden from a learner in whole regions of the image, to judge how far it reaches beyond.
+"""Seen data that are hidden from a learner, to judge how far it reaches beyond: regions of the image, or folds.
 
 A learned Jacobian is used where the eye does not see. Samples held out one by one would flatter any learner, for
 neighbours in time are nearly copies; and so would stretches of time, for a motion that comes by the same place on its
-next turn shows there what was hidden before. So a region of the image is hidden over all turns and trials.
+next turn shows there what was hidden before. So a region of the image is hidden over all turns and trials. A recording
+of the world has blocks of its own: they are hidden whole, with no pair of postures across the border.
 """
 
 from __future__ import annotations
@@ -13,17 +14,18 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
+from bodyimage_kin._checks import whole
 from bodyimage_kin.errors import InvalidRecording
-from bodyimage_kin.estimators import Pairs, pairs
+from bodyimage_kin.estimators import Pairs, fold_of_each, pairs
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """An experience with one region hidden.
+    """An experience with one region or fold hidden.
 
     Attributes:
-        seen: The experience, its hand image NaN in that region.
-        hidden: The steps within the region.
+        seen: The experience, its hand image NaN there.
+        hidden: The steps within, or the edges of a scattered recording.
     """
 
     seen: xr.Dataset
@@ -44,17 +46,25 @@ def hold_out(exp: xr.Dataset, regions: int) -> list[HeldOut]:
     seen = np.isfinite(exp["q"].values).all(-1) & np.isfinite(image).all(-1)
     region = np.full(seen.shape, -1)
     region[seen] = image_regions(image[seen].astype(np.float64), regions)
-    found = []
-    for hidden in range(regions):
-        try:
-            one = HeldOut(_only(exp, region != hidden), pairs(_only(exp, region == hidden)))
-            pairs(one.seen)
-        except InvalidRecording as problem:
-            raise InvalidRecording(f"region {hidden} of {regions} cannot be held out: {problem}") from None
-        if not one.hidden.dr.any():
-            raise InvalidRecording(f"region {hidden} of {regions} cannot be held out: the hand image rests in it")
-        found.append(one)
-    return found
+    return _hidden_in_turn(exp, region, regions, "region")
+
+
+def hold_out_folds(exp: xr.Dataset, folds: int = 5) -> list[HeldOut]:
+    """One for each fold of an experience: its blocks, or else arcs of a stream or clusters of scattered postures.
+
+    Args:
+        exp: An experience; ``block`` (trial, time), where it has one, says what belongs together.
+        folds: How many; fewer blocks make fewer folds.
+
+    Raises:
+        InvalidRecording: A single block, a fold without a pair of postures, or outside which there is none, or in which
+            the hand image rests.
+        InvalidConfig: Less than two folds.
+    """
+    fold = fold_of_each(exp, whole("folds", folds, least=2))
+    if fold.max() < 1:
+        raise InvalidRecording("the recording has a single block, so nothing can be held out; give it more blocks")
+    return _hidden_in_turn(exp, fold, int(fold.max()) + 1, "fold")
 
 
 def image_regions(image: Float[np.ndarray, "count m"], regions: int) -> Int[np.ndarray, "count"]:
@@ -78,6 +88,20 @@ def image_regions(image: Float[np.ndarray, "count m"], regions: int) -> Int[np.n
         region[first] = image_regions(image[first], few)
         region[second] = few + image_regions(image[second], regions - few)
     return region
+
+
+def _hidden_in_turn(exp: xr.Dataset, part: Int[np.ndarray, "trial time"], parts: int, what: str) -> list[HeldOut]:
+    found = []
+    for hidden in range(parts):
+        try:
+            one = HeldOut(_only(exp, part != hidden), pairs(_only(exp, part == hidden)))
+            pairs(one.seen)
+        except InvalidRecording as problem:
+            raise InvalidRecording(f"{what} {hidden} of {parts} cannot be held out: {problem}") from None
+        if not one.hidden.dr.any():
+            raise InvalidRecording(f"{what} {hidden} of {parts} cannot be held out: the hand image rests in it")
+        found.append(one)
+    return found
 
 
 def _only(exp: xr.Dataset, kept: Bool[np.ndarray, "trial time"]) -> xr.Dataset:

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array
+from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin._checks import whole
 from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.metrics._fields import Field, answer
+from bodyimage_kin.metrics._fields import Field, answer, line_integrals
 
-_CHUNK = 1 << 16  # postures asked for at once
 _STEP_NODES = 4  # on each step, which is short: exact for a Jacobian of degree seven along it
 
 
@@ -110,14 +109,16 @@ def error_split(
             estimated_jacobian(start), "the value of estimated_jacobian", shapes=((len(trial), m, p),)
         )
         linear = np.einsum("kmp,kp->km", jacobian, end - start)
-        along = _line_integrals(estimated_jacobian, start, end, _STEP_NODES, m)
+        along = line_integrals(estimated_jacobian, "estimated_jacobian", start, end, _STEP_NODES, m)
     steps = np.zeros((3, *image.shape))
     steps[:, trial, before + 1] = linear - along, moved - linear, along
     discretisation, bent, path = np.cumsum(steps, axis=2)
 
     trial, at = np.nonzero(on_path)
     chord = np.full(image.shape, np.nan)  # off the path, where it makes every part NaN
-    chord[trial, at] = _line_integrals(estimated_jacobian, q[trial, first[trial]], q[trial, at], nodes, m)
+    chord[trial, at] = line_integrals(
+        estimated_jacobian, "estimated_jacobian", q[trial, first[trial]], q[trial, at], nodes, m
+    )
     from_start = image - np.take_along_axis(image, first[:, None, None], axis=1)
     parts = (np.where(on_path[..., None], discretisation, np.nan), chord - from_start, bent + path - chord)
     return ErrorSplit(*(np.asarray(part).reshape(*batch, time, m) for part in parts))
@@ -128,20 +129,3 @@ def _paths(known: Bool[np.ndarray, "trial time"]) -> tuple[Bool[np.ndarray, "tri
     begun = np.logical_or.accumulate(known, axis=1)
     broken = np.logical_or.accumulate(begun & ~known, axis=1)
     return begun & ~broken, known.argmax(axis=1)
-
-
-def _line_integrals(jacobian: Field, start: Floats, end: Floats, nodes: int, m: int) -> Float[np.ndarray, "k m"]:
-    """The integral of the Jacobian along each straight line in joint space, by Gauss-Legendre quadrature."""
-    places, weights = np.polynomial.legendre.leggauss(nodes)
-    places, weights = (places[:, None, None] + 1) / 2, weights / 2
-    found = np.empty((len(start), m))
-    at_once = max(1, _CHUNK // nodes)
-    for begin in range(0, len(start), at_once):
-        some = slice(begin, begin + at_once)
-        line = end[some] - start[some]
-        postures = (start[some] + places * line).reshape(-1, line.shape[-1])
-        J = as_float_array(
-            jacobian(postures), "the value of estimated_jacobian", shapes=((len(postures), m, line.shape[-1]),)
-        )
-        found[some] = np.einsum("n,nkmp,kp->km", weights, J.reshape(nodes, len(line), m, -1), line, optimize=True)
-    return found

@@ -77,8 +77,10 @@ SPACES: Mapping[str, Table] = {
     "Ensemble": {},
     # The spreads are no settings but prior knowledge: how well the body is known beforehand.
     "SelfCalibration": {"starts": {"log_uniform": [1, 6]}, "steps": {"log_uniform": [20, 100]}},
-    # The truth.
+    # The truth, and what was learned elsewhere.
     "Analytic": {},
+    "Given": {},
+    "Saved": {},
 }
 """Class -> space. None within a choice is the setting's own None."""
 

@@ -29,3 +29,21 @@ from bodyimage_kin.testing.strategies import batch_shapes as batch_shapes
 from bodyimage_kin.testing.strategies import cases as cases
 from bodyimage_kin.testing.strategies import postures as postures
 from bodyimage_kin.testing.strategies import robots as robots
+
+__all__ = [
+    "LAWS",
+    "Case",
+    "JointSpec",
+    "Law",
+    "LawBroken",
+    "Library",
+    "NotOffered",
+    "RobotSpec",
+    "Truth",
+    "batch_shapes",
+    "cases",
+    "laws",
+    "oracle",
+    "postures",
+    "robots",
+]

@@ -34,6 +34,8 @@ from bodyimage_kin.testing._spec import Case, RobotSpec
 from bodyimage_kin.testing.strategies import cases
 from bodyimage_kin.testing.strategies import robots as any_robots
 
+__all__ = ["Target", "conform", "random_cases"]
+
 _KINDS_SHOWN = 3
 
 Target = str | Path | None

@@ -25,6 +25,27 @@ from bodyimage_kin.testing._library import Wrapped
 from bodyimage_kin.testing._spec import JointSpec, rename
 from bodyimage_kin.testing.oracle import oracle
 
+__all__ = [
+    "batch_equals_loop",
+    "dtype_is_kept",
+    "empty_batch",
+    "full_turns_change_nothing",
+    "gradcheck",
+    "gradgradcheck",
+    "hessian_equals_differences",
+    "hessian_symmetry",
+    "invariant_under_axis_scaling",
+    "invariant_under_explicit_defaults",
+    "invariant_under_renaming",
+    "invariant_under_reordering",
+    "jacobian_equals_differences",
+    "jacobian_equals_oracle",
+    "mimic_is_multiplier_times_column",
+    "off_path_columns_are_zero",
+    "pose_equals_oracle",
+    "references_convert",
+]
+
 # Against the oracle ---------------------------------------------------------------------------------------------------
 
 

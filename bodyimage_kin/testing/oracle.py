@@ -15,7 +15,9 @@ from jaxtyping import Float
 
 from bodyimage_kin.testing._spec import Case, JointSpec, Vector
 
-Matrix = Float[np.ndarray, "4 4"]
+__all__ = ["Truth", "oracle"]
+
+_Matrix = Float[np.ndarray, "4 4"]
 
 
 class Truth(NamedTuple):
@@ -27,7 +29,7 @@ class Truth(NamedTuple):
         hessian: (6, n, n); [:, i, k] is the derivative of column i by q[k].
     """
 
-    pose: Matrix
+    pose: _Matrix
     jacobian: Float[np.ndarray, "6 n"]
     hessian: Float[np.ndarray, "6 n n"]
 
@@ -49,7 +51,7 @@ def oracle(case: Case) -> Truth:
             moved.append((k, multiplier))
             before.append(np.eye(4))
 
-    def product(*derived: int) -> Matrix:
+    def product(*derived: int) -> _Matrix:
         """The pose with the factors named differentiated, once for every time they are named."""
         result = before[0]
         for index, (factor, constant) in enumerate(zip(factors, before[1:], strict=True)):
@@ -71,13 +73,13 @@ def oracle(case: Case) -> Truth:
     return Truth(pose, jacobian, hessian)
 
 
-def _twist(derivative: Matrix, spin: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6"]:
+def _twist(derivative: _Matrix, spin: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6"]:
     """Linear part from the last column of a pose's derivative, angular from a skew-symmetric matrix."""
     turn = (spin[2, 1] - spin[1, 2], spin[0, 2] - spin[2, 0], spin[1, 0] - spin[0, 1])
     return np.concatenate([derivative[:3, 3], np.array(turn) / 2.0])
 
 
-def _origin(joint: JointSpec) -> Matrix:
+def _origin(joint: JointSpec) -> _Matrix:
     """The fixed transform of a joint: roll about x first, then pitch about y, then yaw about z, all of the parent."""
     matrix = np.eye(4)
     for axis, angle in enumerate(joint.rpy or (0.0, 0.0, 0.0)):
@@ -90,7 +92,7 @@ def _origin(joint: JointSpec) -> Matrix:
     return matrix
 
 
-def _motion(joint: JointSpec, value: float) -> tuple[Matrix, Matrix, Matrix]:
+def _motion(joint: JointSpec, value: float) -> tuple[_Matrix, _Matrix, _Matrix]:
     """The transform of a joint's motion and its first and second derivative."""
     axis = _unit(joint.axis or (1.0, 0.0, 0.0))
     motion, first, second = np.eye(4), np.zeros((4, 4)), np.zeros((4, 4))

@@ -16,6 +16,8 @@ from hypothesis import strategies as st
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.testing._spec import Case, JointSpec, RobotSpec, Vector
 
+__all__ = ["KINDS", "NAMES", "batch_shapes", "cases", "postures", "robots"]
+
 KINDS: Final = ("revolute", "continuous", "prismatic", "fixed")
 """Every joint kind that has a posture of one value, or of none."""
 NAMES: Final = (

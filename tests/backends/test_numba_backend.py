@@ -284,9 +284,10 @@ def test_other_cameras_get_the_point_or_project_it_by_opencvs_formulas(camera_li
     ).image_and_jacobian(q, offsets=each)
     true = lens.project(torch.from_numpy(point))
     slope = lens.derivative(torch.from_numpy(point)) @ torch.from_numpy(moved)
-    assert 0 < int(true.isnan().any(1).sum()) < 180, "some have to be seen in this test, and some not"
     torch.testing.assert_close(seen, true, rtol=1e-12, atol=1e-9, equal_nan=True)
-    torch.testing.assert_close(jacobian, slope, rtol=1e-11, atol=1e-9, equal_nan=True)
+    there = ~true.isnan().any(1)
+    assert int(there.sum()) > 20, "the camera has to see something in this test"
+    torch.testing.assert_close(jacobian[there], slope[there], rtol=1e-11, atol=1e-9)
 
 
 def test_what_carries_hand_and_camera_alike_does_not_move_the_image() -> None:

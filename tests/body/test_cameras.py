@@ -489,6 +489,7 @@ def test_where_there_is_no_image_it_raises_or_is_nan(model, compiled):
     image, jacobian = body.hand_image(q, on_invisible="nan"), body.hand_image_jacobian(q, on_invisible="nan")
     assert torch.equal(image.isnan(), expected)
     assert torch.equal(jacobian.isnan().any(2), expected)
+    assert torch.equal(jacobian.isnan().all(2), expected)
     some = q[expected.any(1)][:5]
     for function in (body.hand_image, body.hand_image_jacobian):
         with pytest.raises(NotVisible, match=r"behind the camera plane.* in 5 of 5 postures.*on_invisible='nan'"):

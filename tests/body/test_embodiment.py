@@ -220,7 +220,7 @@ def test_the_hand_is_seen_in_the_cone_and_not_through_the_head(body, around, nea
     eye = torch.from_numpy(body.skin.link_positions[body.skin.eye])
     sight = eye + torch.linspace(0, 1, 501, dtype=torch.float64)[:, None] * (body.hand_in_skin(q) - eye)[:, None]
     (head,) = body.skin.shapes
-    centre, radius = torch.from_numpy(head.link_T_shape[:3, 3]), head.size[0]
+    centre, radius = torch.from_numpy(head.link_T_shape[:3, 3].copy()), head.size[0]
     deepest = (radius - (sight - centre).norm(dim=-1)).amax(1)
     clear = ((deepest - 1e-5).abs() > 1e-4) | (deepest.abs() < 1e-12)
     expected = in_cone & (deepest < 1e-5)

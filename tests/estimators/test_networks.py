@@ -1,5 +1,7 @@
 """Laws of the networks that see the posture."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -70,6 +72,41 @@ def test_the_weights_kept_are_those_best_on_what_was_held_out():
     best = train(first_layers([1, 16, 1], [0]), error, held, Training(hidden=(16,), steps=200, learning_rate=0.1))
     assert float(((evaluate(best, x) - y) ** 2).sum(-1)[0, held].mean()) == min(seen[:201])
     assert min(seen) < seen[200]
+
+
+def test_what_is_held_out_moves_no_weight():
+    """Not even by its gradient: whatever the held-out targets are, training goes the same way."""
+    x = torch.linspace(-1, 1, 40, dtype=torch.float64)[None, :, None]
+    held = chosen(arcs(40, 10), 0.2)
+
+    def way(target_there):
+        y, passed = torch.where(held[None, :, None], target_there, torch.sin(3.0 * x)), []
+
+        def error(layers):
+            passed.append([layer.detach().clone() for layer in layers])
+            return ((evaluate(layers, x) - y) ** 2).sum(-1)
+
+        train(first_layers([1, 6, 1], [0]), error, held, Training(hidden=(6,), steps=20))
+        return passed
+
+    for one, other in zip(way(100.0), way(-7.0), strict=True):
+        assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: type(spec).__name__)
+def test_networks_hold_out_the_share_they_say(spec, share, circle, monkeypatch):
+    given = []
+
+    def spy(layers, error, held, settings):
+        given.append((held, error(layers).shape[1]))
+        return layers
+
+    monkeypatch.setattr("bodyimage_kin.estimators.networks.train", spy)
+    dataclasses.replace(spec, held_out=share).fit(bk.experience(circle))
+    ((held, count),) = given
+    assert len(held) == count
+    assert torch.equal(held, chosen(arcs(count, 10), share))
 
 
 def test_other_seeds_are_other_networks(circle):

@@ -74,7 +74,12 @@ def test_a_study_is_read_as_it_was_written(tmp_path):
 
 @pytest.mark.parametrize("name", bk.estimators.names())
 def test_every_estimator_survives_its_table(name, body):
-    table = specs.estimator_table({"Ensemble": {"spec": {"PaperMLP": {}}}} if name == "Ensemble" else name)
+    needed = {
+        "Ensemble": {"spec": {"PaperMLP": {}}},
+        "Given": {"p": 5, "m": 2, "jacobian": "mine:jacobian"},
+        "Saved": {"folder": "learned"},
+    }
+    table = specs.estimator_table({name: needed[name]} if name in needed else name)
     assert specs.estimator_table(specs.build_estimator(table, body)) == table
 
 
