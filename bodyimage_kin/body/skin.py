@@ -6,7 +6,7 @@ Taxels are numbered ``row * columns + column``; columns grow along the patch's `
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -114,6 +114,21 @@ class Skin:
             patch=patch,
             shapes=shapes,
             root_T_link=root_T_link,
+        )
+
+    def moved(self, link_T_skin: Float[np.ndarray, "4 4"]) -> Skin:
+        """The same taxels, all moved on their link as one.
+
+        Args:
+            link_T_skin: Where the frame is that they were given in, in the link [m].
+        """
+        points = self.link_positions @ link_T_skin[:3, :3].T + link_T_skin[:3, 3]
+        normals = self.link_normals @ link_T_skin[:3, :3].T
+        rotation, position = self.root_T_link[:3, :3], self.root_T_link[:3, 3]
+        return replace(
+            self,
+            positions=torch.from_numpy(points) @ rotation.T + position,
+            normals=torch.from_numpy(normals) @ rotation.T,
         )
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,7 +11,8 @@ import torch
 from jaxtyping import Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
-from bodyimage_kin.body import Camera, Embodiment, Hand
+from bodyimage_kin.backends import kinematics
+from bodyimage_kin.body import Camera, Embodiment
 from bodyimage_kin.calibration.observability import observability_indices, unobservable
 from bodyimage_kin.calibration.prior import Prior
 from bodyimage_kin.calibration.problem import Problem
@@ -109,17 +110,34 @@ class Calibrated:
         values = as_float_array(theta, "theta", shapes=((len(self.parameters),),))
         body, parametric = self.problem.body, self.problem.parametric
         mounts = parametric.mounted(values)
-        hand = Hand(body.hand.link, torch.from_numpy(_moved(mounts.get("hand"), body.hand.offset.numpy())), body.hand.radius)
-        camera, skin = body.camera, body.skin
-        if "camera" in mounts:
-            intrinsics = self.problem.intrinsics["camera"]
-            first = parametric.parameters.index(intrinsics.parameters[0]) if intrinsics.parameters else 0
-            model = intrinsics.at(values[first : first + len(intrinsics.parameters)])
-            if np.array_equal(_nominal(parametric.mounts, "camera"), body.camera.link_T_camera.numpy()):
-                camera = Camera(body.camera.link, torch.from_numpy(mounts["camera"]), model)
-        if "skin" in mounts and skin is not None:
-            skin = skin.moved(mounts["skin"])
-        return body.changed(origins=parametric.corrected(values), hand=hand, camera=camera, skin=skin)
+        point = _moved(mounts.get("hand"), body.hand.offset.numpy())
+        hand = replace(body.hand, offset=torch.from_numpy(point))
+        skin = body.skin.moved(mounts["skin"]) if body.skin is not None and "skin" in mounts else body.skin
+        robot = body.robot.with_origins(parametric.corrected(values))
+        links = [hand.link, body.camera.link, *([skin.link] if skin is not None else [])]
+        felt = robot.subtree(links, joints=body.joints, posture=body.home)
+        return replace(
+            body,
+            robot=robot,
+            hand=hand,
+            camera=self._camera(values, mounts),
+            skin=skin,
+            kinematics=kinematics(felt, body.kinematics.name),
+            source=body.source + values.tobytes(),
+        )
+
+    def _camera(self, values: Float[np.ndarray, "parameters"], mounts: Mapping[str, Float[np.ndarray, "4 4"]]) -> Camera:
+        """The body's own camera, where it was one of those that saw."""
+        camera = self.problem.body.camera
+        for mount in self.problem.parametric.mounts:
+            if mount.group == "camera" and mount.link == camera.link and np.array_equal(mount.link_T_mount, camera.link_T_camera):
+                intrinsics = self.problem.intrinsics[mount.name]
+                count = len(intrinsics.parameters)
+                first = self.parameters.index(intrinsics.parameters[0]) if count else 0
+                return Camera(
+                    camera.link, torch.from_numpy(mounts[mount.name]), intrinsics.at(values[first : first + count])
+                )
+        return camera
 
     def draws(self, count: int, seed: int = 0) -> list[Embodiment]:
         """Bodies drawn from the posterior (normal about its mode).
@@ -222,10 +240,6 @@ class Calibrated:
 
 def _moved(pose: Float[np.ndarray, "4 4"] | None, point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
     return point if pose is None else pose[:3, :3] @ point + pose[:3, 3]
-
-
-def _nominal(mounts: Sequence, name: str) -> Float[np.ndarray, "4 4"]:
-    return next(mount.link_T_mount for mount in mounts if mount.name == name)
 
 
 def _label(problem: Problem, index: int) -> str:

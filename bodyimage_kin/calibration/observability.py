@@ -14,6 +14,8 @@ __all__ = ["observability_indices", "unobservable"]
 
 UNTOLD = 0.9
 """A direction whose posterior is wider than this share of its prior was told by the prior alone."""
+_TOLD = 1e-9
+"""Share of the largest singular value below which a direction is not told at all."""
 _NAMED = 0.5
 """Share of the largest component of a direction from which a parameter is named."""
 _MOST_NAMED = 3
@@ -53,7 +55,8 @@ def observability_indices(fit: Fit) -> dict[str, float]:
 
     With singular values s_1 >= ... >= s_L of the scaled Jacobian of N observed coordinates and L free parameters:
     O1 = (s_1 ... s_L)^(1/L) / sqrt(N), O2 = s_L / s_1, O3 = s_L, O4 = s_L^2 / s_1, O5 = 1 / sum 1/s_i. All are larger
-    the better the evidence tells the parameters, and zero where it leaves one untold.
+    the better the evidence tells the parameters. Directions that it does not tell at all (a slide of an origin along
+    its own axis) would make all of them zero: L counts those that it tells, ``told`` of them.
 
     Args:
         fit: The fit.
@@ -65,13 +68,13 @@ def observability_indices(fit: Fit) -> dict[str, float]:
         for slope, width in zip(fit.slopes, fit.sigma, strict=True)
     ]
     jacobian = np.concatenate(rows) if rows else np.zeros((0, len(free)))
-    if not len(free) or len(jacobian) < len(free):
-        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+    if not len(free) or not jacobian.size:
+        return dict.fromkeys(("told", "O1", "O2", "O3", "O4", "O5"), 0.0)
     values: Float[np.ndarray, "free"] = np.linalg.svd(jacobian, compute_uv=False)
+    values = values[values > _TOLD * values[0]]
     first, last = float(values[0]), float(values[-1])
-    if last <= 1e-12 * first:
-        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
     return {
+        "told": float(len(values)),
         "O1": float(np.exp(np.log(values).mean())) / len(jacobian) ** 0.5,
         "O2": last / first,
         "O3": last,
