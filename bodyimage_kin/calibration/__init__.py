@@ -3,7 +3,9 @@
 from bodyimage_kin.calibration.calibrate import calibrate as calibrate
 from bodyimage_kin.calibration.calibrated import Calibrated as Calibrated
 from bodyimage_kin.calibration.calibrated import HeldOut as HeldOut
+from bodyimage_kin.calibration.next_postures import NextPostures as NextPostures
+from bodyimage_kin.calibration.next_postures import next_postures as next_postures
 from bodyimage_kin.calibration.prior import Prior as Prior
 from bodyimage_kin.calibration.problem import Observed as Observed
 
-__all__ = ["Calibrated", "HeldOut", "Observed", "Prior", "calibrate"]
+__all__ = ["Calibrated", "HeldOut", "NextPostures", "Observed", "Prior", "calibrate", "next_postures"]

@@ -44,9 +44,11 @@ class _Evidence:
     sigma: float | None
     point: str
 
-    def hand(self, theta: Float[np.ndarray, "parameters"]) -> tuple[dict[str, Frame], np.ndarray, np.ndarray]:
-        """Frames, and the observed point in the root [m] with its derivative."""
-        frames = self.body.frames(self.q, theta)
+    def hand(
+        self, theta: Float[np.ndarray, "parameters"], by_joints: bool = False
+    ) -> tuple[dict[str, Frame], np.ndarray, np.ndarray]:
+        """Frames, and the observed point in the root [m], with derivatives in the parameters, or in the felt joints."""
+        frames = self.body.frames(self.q, theta, by_joints)
         return frames, *frames[self.point].point(self.offset)
 
     def taken(self, rows: Bool[np.ndarray, "count"]) -> _Evidence:
@@ -96,6 +98,13 @@ class Images(_Evidence):
         unseen = np.isnan(left)
         left[unseen], derivative[unseen] = 0.0, 0.0
         return left, derivative
+
+    def jacobian(self, theta: Float[np.ndarray, "parameters"]) -> Float[np.ndarray, "count m p"]:
+        """The image Jacobian of a body with these parameters [unit/rad]."""
+        frames, place, slope = self.hand(theta, by_joints=True)
+        point, moved = frames[self.camera].seen(place, slope)
+        model = self.intrinsics.at(theta[self.first : self.first + len(self.intrinsics.parameters)])
+        return np.asarray(model.derivative(torch.from_numpy(point)).numpy() @ moved)
 
 
 @dataclass(frozen=True, eq=False)

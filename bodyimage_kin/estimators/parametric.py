@@ -149,20 +149,30 @@ class ParametricBody:
         return (*found, *self.others)
 
     def frames(
-        self, q: Float[np.ndarray, "count p"], theta: Float[np.ndarray, "parameters"]
+        self, q: Float[np.ndarray, "count p"], theta: Float[np.ndarray, "parameters"], by_joints: bool = False
     ) -> dict[str, Frame]:
         """Every mount's frame at postures of the felt joints, with its derivative in all parameters.
 
         Args:
             q: Felt postures [rad or m].
             theta: Values of :attr:`parameters`.
+            by_joints: The derivative is in the p felt joints instead.
         """
         values = q @ self._matrix.T + self._constant
         reached: dict[str, _Reached] = {}
-        return {
-            mount.name: self._mounted(mount, self._link(mount.link, values, theta, reached), theta)
-            for mount in self.mounts
-        }
+        found = {}
+        for mount in self.mounts:
+            here = self._link(mount.link, values, theta, reached).off(
+                mount.link_T_mount, theta[self._first[f"mount {mount.name}"] :][:6], np.eye(3), self._first[f"mount {mount.name}"]
+            )
+            if by_joints:
+                frame = here.frame(here.motions, len(self.joints))
+                found[mount.name] = replace(
+                    frame, turned=frame.turned @ self._matrix, moved=frame.moved @ self._matrix
+                )
+            else:
+                found[mount.name] = here.frame(here.small, len(self.parameters))
+        return found
 
     def corrected(self, theta: Float[np.ndarray, "parameters"]) -> dict[str, Float[np.ndarray, "4 4"]]:
         """Joint -> its origin with these numbers."""
@@ -188,7 +198,7 @@ class ParametricBody:
         reached: dict[str, _Reached],
     ) -> _Reached:
         """Walks to a link; what two ways share is walked once."""
-        here = _Reached(np.broadcast_to(np.eye(3), (len(values), 3, 3)), np.zeros((len(values), 3)), ())
+        here = _Reached(np.broadcast_to(np.eye(3), (len(values), 3, 3)), np.zeros((len(values), 3)), (), ())
         for joint in self._paths[link]:
             if joint.child in reached:
                 here = reached[joint.child]
@@ -206,34 +216,35 @@ class ParametricBody:
     ) -> _Reached:
         first = self._first[joint.name]
         here = here.off(_origin(joint), theta[first:][:6], _basis(joint), first)
-        value = values[:, first // 6]
-        axis = np.asarray(joint.axis)
+        value, axis = values[:, first // 6], np.asarray(joint.axis)
+        direction = (here.rotation @ axis)[..., None]
         if joint.kind == "prismatic":
-            return replace(here, position=here.position + (here.rotation @ axis) * value[:, None])
-        return replace(here, rotation=here.rotation @ _turns(axis, value))
-
-    def _mounted(self, mount: Mount, here: _Reached, theta: Float[np.ndarray, "parameters"]) -> Frame:
-        first = self._first[f"mount {mount.name}"]
-        return here.off(mount.link_T_mount, theta[first:][:6], np.eye(3), first).frame(len(self.parameters))
+            here = replace(here, position=here.position + direction[..., 0] * value[:, None])
+            motion = _Acted(first // 6, here.position, direction, np.zeros_like(direction))
+        else:
+            here = replace(here, rotation=here.rotation @ _turns(axis, value))
+            motion = _Acted(first // 6, here.position, np.zeros_like(direction), direction)
+        return replace(here, motions=(*here.motions, motion))
 
 
 @dataclass(frozen=True, eq=False)
-class _Small:
-    """Where a set of six numbers acts: directions in the root that shift and turn what follows, and about where."""
+class _Acted:
+    """Where some numbers act: how a unit rate of each shifts and turns all that follows, and about where."""
 
     first: int
     place: Float[np.ndarray, "count 3"]
-    shifts: Float[np.ndarray, "count 3 3"]
-    turns: Float[np.ndarray, "count 3 3"]
+    shifts: Float[np.ndarray, "count 3 columns"]
+    turns: Float[np.ndarray, "count 3 columns"]
 
 
 @dataclass(frozen=True, eq=False)
 class _Reached:
-    """A frame on the way, and the numbers that acted before it."""
+    """A frame on the way, the six numbers that acted before it, and the joints."""
 
     rotation: Float[np.ndarray, "count 3 3"]
     position: Float[np.ndarray, "count 3"]
-    small: tuple[_Small, ...]
+    small: tuple[_Acted, ...]
+    motions: tuple[_Acted, ...]
 
     def then(self, pose: Float[np.ndarray, "4 4"]) -> _Reached:
         return replace(
@@ -250,17 +261,18 @@ class _Reached:
         there = self.then(pose)
         small, right = _small(numbers, basis)
         after = there.then(small)
-        acted = _Small(first, after.position, _times(there.rotation, basis), _times(after.rotation, right))
-        return replace(after, small=(*self.small, acted))
+        nothing = np.zeros_like(self.rotation)
+        shifts = np.concatenate([_times(there.rotation, basis), nothing], axis=2)
+        turns = np.concatenate([nothing, _times(after.rotation, right)], axis=2)
+        return replace(after, small=(*self.small, _Acted(first, after.position, shifts, turns)))
 
-    def frame(self, parameters: int) -> Frame:
-        turned = np.zeros((len(self.position), 3, parameters))
+    def frame(self, acted: tuple[_Acted, ...], columns: int) -> Frame:
+        turned = np.zeros((len(self.position), 3, columns))
         moved = np.zeros_like(turned)
-        for one in self.small:
-            away = (self.position - one.place)[..., None]
-            moved[:, :, one.first : one.first + 3] = one.shifts
-            turned[:, :, one.first + 3 : one.first + 6] = one.turns
-            moved[:, :, one.first + 3 : one.first + 6] = _crossed(one.turns, away)
+        for one in acted:
+            here = slice(one.first, one.first + one.turns.shape[2])
+            turned[:, :, here] = one.turns
+            moved[:, :, here] = one.shifts + _crossed(one.turns, (self.position - one.place)[..., None])
         return Frame(self.rotation, self.position, turned, moved)
 
 

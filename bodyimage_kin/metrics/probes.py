@@ -46,7 +46,7 @@ _CHUNK = 50_000
 class HasPostures(Protocol):
     """What counts as a probe: all that is asked of a :class:`Probe`."""
 
-    def postures(self, body: Embodiment, seen: xr.Dataset) -> ArrayLike:
+    def postures(self, body: Embodiment, seen: xr.Dataset | None) -> ArrayLike:
         """As :meth:`Probe.postures`."""
 
 
@@ -54,7 +54,7 @@ class Probe(abc.ABC):
     """A frozen spec of the postures at which a learned Jacobian is scored."""
 
     @abc.abstractmethod
-    def postures(self, body: Embodiment, seen: xr.Dataset) -> ArrayLike:
+    def postures(self, body: Embodiment, seen: xr.Dataset | None) -> ArrayLike:
         """The postures; pure: the same body and recording, the same bits.
 
         Args:
@@ -92,7 +92,7 @@ class Face(Probe):
     def __post_init__(self) -> None:
         object.__setattr__(self, "distance", number("distance", self.distance, least=0.0))
 
-    def postures(self, body: Embodiment, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+    def postures(self, body: Embodiment, seen: xr.Dataset | None) -> Float[Tensor, "postures p"]:
         """One a taxel, in their order; whatever was seen.
 
         Raises:
@@ -117,7 +117,7 @@ class JointSpace(Probe):
         object.__setattr__(self, "count", whole("count", self.count, least=1))
         object.__setattr__(self, "seed", whole("seed", self.seed, least=0))
 
-    def postures(self, body: Embodiment, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+    def postures(self, body: Embodiment, seen: xr.Dataset | None) -> Float[Tensor, "postures p"]:
         """The postures; those of fewer are the first ones of more.
 
         Raises:
@@ -126,13 +126,15 @@ class JointSpace(Probe):
         return _joint_space(body, self.count, self.seed)
 
 
-def probe_postures(probe: HasPostures | object, body: Embodiment, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+def probe_postures(
+    probe: HasPostures | object, body: Embodiment, seen: xr.Dataset | None
+) -> Float[Tensor, "postures p"]:
     """The postures of any probe, known to be such.
 
     Args:
         probe: One of ours, or anybody's.
         body: The embodiment.
-        seen: The recording that is learned from.
+        seen: The recording that is learned from; None: nothing was seen.
 
     Raises:
         InvalidConfig: Not a probe.
