@@ -44,10 +44,13 @@ if TYPE_CHECKING:
     from bodyimage_kin.recordings import experience as experience
     from bodyimage_kin.recordings import motions as motions
     from bodyimage_kin.recordings import read_recording as read_recording
+    from bodyimage_kin.recordings import recording as recording
     from bodyimage_kin.recordings import write_recording as write_recording
     from bodyimage_kin.recordings.simulation import simulate as simulate
     from bodyimage_kin.robot import Robot as Robot
     from bodyimage_kin.study import Study as Study
+    from bodyimage_kin.study import read_study as read_study
+    from bodyimage_kin.study import score as score
 
 # Public name -> the module that it is, or module:name. ``backends`` is a module that can be called: it lists them.
 _PUBLIC = {
@@ -82,8 +85,11 @@ _PUBLIC = {
     "probes": "metrics.probes",
     "published": "published",
     "read_recording": "recordings:read_recording",
+    "read_study": "study:read_study",
+    "recording": "recordings:recording",
     "recordings": "recordings",
     "report": "report",
+    "score": "study:score",
     "simulate": "recordings.simulation:simulate",
     "study": "study",
     "testing": "testing",

@@ -30,6 +30,14 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def write_bytes(path: Path, data: bytes) -> None:
+    """Writes a file atomically, and has it on the disk before it has its name."""
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
 # Output folders: made by us, known by a marker, and never anybody else's --------------------------------------------
 
 _MARKER = "bodyimage_kin.json"

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 __all__ = [
     "BodyImageKinError",
+    "DataWarning",
     "FoldedLens",
     "InvalidArray",
     "InvalidConfig",
@@ -133,3 +134,7 @@ class InvalidGeometry(BodyImageKinError):
 
 class OutputRefused(BodyImageKinError):
     """An output place that exists and is not ours: it is never overwritten silently."""
+
+
+class DataWarning(UserWarning):
+    """Data that cannot carry what is asked of them, in one line: the result is what it is, and not to be trusted."""

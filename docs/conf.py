@@ -69,7 +69,7 @@ nitpicky = True
 # link to are checked by tests/test_docs.py, functions and methods that docstrings link to are checked here.
 nitpick_ignore_regex = [
     ("py:class", r"[A-Z]\w*|'.*'|bodyimage_kin\.[\w.]+|st\.SearchStrategy|optional"),
-    ("py:.*", r"(numpy|np|torch|xr|xarray|scipy|jaxtyping|matplotlib|hypothesis|mujoco|pinocchio|trimesh)\..*"),
+    ("py:.*", r"(numpy|np|torch|xr|xarray|pandas|scipy|jaxtyping|matplotlib|hypothesis|mujoco|pinocchio|trimesh)\..*"),
     ("py:.*", r"(collections|pathlib|os|typing|abc|types|datetime|concurrent|dataclasses|enum|random|logging)\..*"),
     ("py:.*", r"(str|int|float|bool|bytes|object|type|tuple|list|dict|None|ndarray)"),
     ("py:attr", r".*"),  # fields are listed with their class, and have no place of their own
@@ -89,10 +89,11 @@ def _reexported(package: str) -> list[str]:
     return [name for name in names if not name.startswith("_")]
 
 
-# Packages re-export as `from module import Name as Name`; autodoc takes imported names from `__all__` alone.
+# Autodoc takes imported names from `__all__` alone; rooms without one re-export as `from module import Name as Name`.
 for _package in ("backends", "body", "body_image", "estimators", "metrics", "recordings", "study", "testing"):
     _module = importlib.import_module(f"bodyimage_kin.{_package}")
-    _module.__all__ = _reexported(f"bodyimage_kin.{_package}")
+    if not hasattr(_module, "__all__"):
+        _module.__all__ = _reexported(f"bodyimage_kin.{_package}")
 
 
 def _resolve(app: Sphinx, env: Any, node: Any, contnode: nodes.Element) -> nodes.Element | None:

@@ -12,7 +12,7 @@ def taught(dq, dr, m=2):
         {
             "q": (("trial", "time", "joint"), q[None]),
             "hand_image": (("trial", "time", "axis"), image[None]),
-            "taxel": (("trial", "time"), np.full((1, len(q)), -1)),
+            "touched": (("trial", "time", "contact"), np.full((1, len(q), 1), -1)),
             "at_reference": (("trial", "time"), np.zeros((1, len(q)), dtype=bool)),
             "reference_image": (("axis",), np.zeros(m)),
         }
@@ -29,7 +29,6 @@ def scattered(q, image, block=None, **attrs):
             "q": ((*steps, "joint"), np.asarray(q)[None]),
             "hand_image": ((*steps, "axis"), np.asarray(image)[None], {"units": "m"}),
             "touched": ((*steps, "contact"), np.full((1, count, 1), -1)),
-            "taxel": (steps, np.full((1, count), -1)),
             "at_reference": (steps, np.zeros((1, count), dtype=bool)),
             "reference_image": (("axis",), np.zeros(np.shape(image)[1])),
             "block": (steps, np.asarray(block)[None]),

@@ -119,7 +119,8 @@ def test_every_error_is_one_of_ours():
         for value in vars(bk.errors).values()
         if isinstance(value, type) and value.__module__ == bk.errors.__name__
     ]
-    assert all(issubclass(error, bk.BodyImageKinError) for error in errors)
+    assert all(issubclass(error, bk.BodyImageKinError | Warning) for error in errors)
+    assert {error.__name__ for error in errors} == set(bk.errors.__all__)
     error = bk.errors.UnknownName("link", "hnad", ["hand", "torso"])
     assert str(error) == "no link 'hnad'; did you mean 'hand'? valid: hand, torso"
     assert (error.kind, error.name, error.valid) == ("link", "hnad", ("hand", "torso"))

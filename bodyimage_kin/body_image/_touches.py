@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin.body_image._checks import float_array, postures, variable, whole
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
+from bodyimage_kin.recordings import first_taxel
 
 
 def touches(
@@ -31,11 +32,11 @@ def touches(
     q = postures(exp)
     trial = whole("trial", trial, 0, len(q))
     target = hand_array(hand, q.shape[:2])[trial]
-    taxels = variable(exp, "taxel", "trial", "time")[trial]
+    taxels = first_taxel(exp)[trial]
     felt = np.isfinite(q[trial]).all(axis=1)
     if not felt.any():
         raise InvalidRecording(f"trial {trial} has no samples: not one posture q is finite")
-    taxels = taxels[felt].astype(np.int64)
+    taxels = taxels[felt]
     if taxels.max() >= grid[0] * grid[1]:
         raise InvalidRecording(f"taxel {taxels.max()} was touched, but a {grid} grid ends at {grid[0] * grid[1] - 1}")
     return q[trial][felt], taxels, target[felt]

@@ -81,8 +81,9 @@ class BodyImage:
         are no steps. Initial weights, silence and posture map have random streams of their own.
 
         Args:
-            exp: Experience: ``q`` (trial, time, joint) [rad or m], NaN where padded; ``taxel`` (trial, time), -1 none;
-                ``hand_image`` (trial, time, axis) [m], which only bounds the initial weights.
+            exp: Experience: ``q`` (trial, time, joint) [rad or m], NaN where padded; ``touched`` (trial, time,
+                contact), -1 none, of which the first counts; ``hand_image`` (trial, time, axis) [m], which only bounds
+                the initial weights.
             hand: Hand image to learn from [m on the screen], (trial, time, axis): an array or a DataArray.
             trial: Which trial.
             grid: (rows, columns) of taxels.

@@ -143,12 +143,14 @@ class Report:
     """Estimator whose error is drawn taxel by taxel."""
     publish: Path | None = None
     """Folder for results.json, table.md and a figure, small enough to be kept."""
+    into: Path | None = None
+    """Folder for results.nc and report.html; by default the study's."""
 
     def __call__(self) -> int:
         """Runs it."""
         from bodyimage_kin.cli import study as commands
 
-        return commands.report_command(self.folder, self.baseline, self.atlas, self.publish)
+        return commands.report_command(self.folder, self.baseline, self.atlas, self.publish, self.into)
 
 
 @dataclass(frozen=True)

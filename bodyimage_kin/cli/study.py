@@ -8,13 +8,10 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from bodyimage_kin._progress import progress
-from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import experience, read_recording
-from bodyimage_kin.study import specs, store
-from bodyimage_kin.study.results import MISSING
-from bodyimage_kin.study.study import Study
-from bodyimage_kin.study.summary import failures
+from bodyimage_kin.study import Study, failures, read_study
+from bodyimage_kin.study.results import MISSING, write_results
+from bodyimage_kin.study.specs import ESTIMATOR
 
 __all__ = ["FAILED", "fit_command", "report_command", "status_command", "study_command"]
 
@@ -40,9 +37,7 @@ def study_command(
     Raises:
         BodyImageKinError: As :meth:`Study.from_toml` and :meth:`Study.run`.
     """
-    study = Study.from_toml(path)
-    with progress("tasks") as report:
-        results = study.run(out, scheduler, workers=workers, retry=retry, report=report)
+    results = Study.from_toml(path).run(out, scheduler, workers=workers, retry=retry, progress=True)
     return _written(results, out)
 
 
@@ -55,7 +50,7 @@ def status_command(out: Path) -> int:
     Raises:
         InvalidConfig: A folder without a study.
     """
-    results = _stored(out)
+    results = read_study(out)
     said = results["failure"].transpose("embodiment", "recording", "estimator", "seed")
     total = said.sizes["seed"]
     for place in np.ndindex(said.shape[:3]):
@@ -69,15 +64,20 @@ def status_command(out: Path) -> int:
 
 
 def report_command(
-    out: Path, baseline: str | None = None, atlas: str | None = None, publish: Path | None = None
+    out: Path,
+    baseline: str | None = None,
+    atlas: str | None = None,
+    publish: Path | None = None,
+    into: Path | None = None,
 ) -> int:
     """``bodyimage-kin report DIR``: writes ``results.nc`` and ``report.html`` of what is done so far.
 
     Args:
-        out: The store.
+        out: The store; nothing that its study names is imported.
         baseline: Name of the estimator that others are compared with; None: as :func:`bodyimage_kin.report.write`.
         atlas: Name of the estimator whose errors are drawn over the face; None: likewise.
         publish: Folder for numbers, table and figure of a published comparison (:func:`bodyimage_kin.report.publish`).
+        into: Folder for both files, where the store is read-only; None: the store.
 
     Returns:
         0, or :data:`FAILED` when a cell failed.
@@ -86,12 +86,12 @@ def report_command(
         InvalidConfig: A folder without a study.
         UnknownName: No such estimator.
     """
-    results = _stored(out)
+    results = read_study(out)
     if publish is not None:
         from bodyimage_kin import report
 
         report.publish(results, publish, baseline=baseline)
-    return _written(results, out, baseline, atlas)
+    return _written(results, into or out, baseline, atlas)
 
 
 def fit_command(estimator: str, recording: Path, out: Path, *, embodiment: str | None = None, seed: int = 0) -> int:
@@ -113,23 +113,16 @@ def fit_command(estimator: str, recording: Path, out: Path, *, embodiment: str |
     from bodyimage_kin.body.file import load_embodiment
 
     body = None if embodiment is None else load_embodiment(embodiment)
-    spec = specs.build_estimator(specs.estimator_table(estimator), body)
+    spec = ESTIMATOR.build(estimator, body=body)
     spec.fit(experience(read_recording(recording)), seed=seed).save(out)
     print(out)
     return 0
 
 
-def _stored(out: Path) -> xr.Dataset:
-    settings = store.settings(out)
-    if settings is None:
-        raise InvalidConfig(f"'{out}' holds no study; run one into it first")
-    return Study.from_table(settings["config"], Path(settings["folder"])).gather(out)
-
-
 def _written(results: xr.Dataset, out: Path, baseline: str | None = None, atlas: str | None = None) -> int:
     from bodyimage_kin import report
 
-    store.write(results, out / "results.nc")
+    write_results(results, out / "results.nc")
     page = report.write(results, out / "report.html", baseline=baseline, atlas=atlas)
     print(page)
     return _show_failures(results)

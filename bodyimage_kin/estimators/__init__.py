@@ -5,7 +5,14 @@ from __future__ import annotations
 from bodyimage_kin.estimators import nulls
 from bodyimage_kin.estimators._samples import Pairs, edges, fold_of_each, pairs
 from bodyimage_kin.estimators.analytic import Analytic
-from bodyimage_kin.estimators.base import Estimator, Learned, LearnedImage, LearnedJacobian, load_learned
+from bodyimage_kin.estimators.base import (
+    Estimator,
+    HasDisplacement,
+    Learned,
+    LearnedImage,
+    LearnedJacobian,
+    load_learned,
+)
 from bodyimage_kin.estimators.ensemble import Ensemble, EnsembleJacobian
 from bodyimage_kin.estimators.gaussian_process import GaussianProcess, RadialProcess, TrigProcess
 from bodyimage_kin.estimators.given import Given, GivenImage, GivenJacobian, Saved
@@ -40,6 +47,7 @@ __all__ = [
     "Given",
     "GivenImage",
     "GivenJacobian",
+    "HasDisplacement",
     "JacobianNetwork",
     "Kalman",
     "Learned",

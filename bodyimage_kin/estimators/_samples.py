@@ -22,7 +22,7 @@ from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.estimators import _hold_out
-from bodyimage_kin.recordings.schema import check
+from bodyimage_kin.recordings import canonical_order, check, is_scattered
 
 _NEIGHBOURS = 4
 
@@ -169,6 +169,9 @@ def samples(exp: xr.Dataset) -> Samples:
         InvalidRecording: The hand is never seen, the joints never move while it is, or the observed point moves in the
             hand (``hand_offset``).
     """
+    scattered = is_scattered(exp)
+    if scattered:
+        exp = exp.isel(time=canonical_order(exp))
     q, image, felt, block = _felt(exp)
     if not felt.any():
         raise InvalidRecording(
@@ -178,12 +181,11 @@ def samples(exp: xr.Dataset) -> Samples:
     if not np.ptp(q[felt], axis=0).any():
         raise InvalidRecording("no joint moves in the experience, so it teaches no Jacobian; record a motion")
     noise = _checks.number("encoder_noise", exp.attrs.get("encoder_noise", 0.0), least=0.0, error=InvalidRecording)
-    numbers = [None if one is None else torch.from_numpy(one[felt]) for one in (block, _whole_variable(exp, "repeat"))]
-    scattered = is_scattered(exp)
-    data = Samples(
+    repeat = check(exp)["repeat"].values if "repeat" in exp else None
+    numbers = [None if one is None else torch.from_numpy(one[felt]) for one in (block, repeat)]
+    return Samples(
         torch.from_numpy(q[felt]), torch.from_numpy(image[felt]), _unit(exp), numbers[0], scattered, numbers[1], noise
     )
-    return data.only(_canonical(data)) if scattered else data
 
 
 def edges(
@@ -236,17 +238,6 @@ def edges_of(data: Samples) -> Pairs:
     return Pairs((q[first] + q[last]) / 2.0, q[last] - q[first], image[last] - image[first], data.unit, postures=data)
 
 
-def is_scattered(exp: xr.Dataset) -> bool:
-    """Whether a recording has no order in time.
-
-    Raises:
-        InvalidRecording: Its attribute ``order`` is neither "stream" nor "scattered".
-    """
-    check(exp)
-    orders = ("stream", "scattered")
-    return _checks.choice("order", exp.attrs.get("order", "stream"), orders, error=InvalidRecording) == "scattered"
-
-
 def refuse_scattered(exp: xr.Dataset, learner: str, remedy: str) -> None:
     """Raises InvalidRecording where a learner needs a stream and gets a scattered recording."""
     if is_scattered(exp):
@@ -258,14 +249,14 @@ def fold_of_each(exp: xr.Dataset, folds: int) -> Int[np.ndarray, "trial time"]:
 
     A shuffled recording has the same folds, shuffled.
     """
-    q, image, felt, block = _felt(exp)
+    order = canonical_order(exp) if is_scattered(exp) else np.arange(exp.sizes["time"])
+    q, image, felt, block = _felt(exp.isel(time=order))
     numbers = None if block is None else torch.from_numpy(block[felt])
     data = Samples(torch.from_numpy(q[felt]), torch.from_numpy(image[felt]), "", numbers, is_scattered(exp))
-    order = _canonical(data) if data.scattered else torch.arange(len(data.q))
-    fold = np.empty(len(order), dtype=np.int64)
-    fold[order] = data.only(order).fold(folds)
-    found = np.full(felt.shape, -1)
-    found[felt] = fold
+    fold = np.full(felt.shape, -1)
+    fold[felt] = data.fold(folds)
+    found = np.empty_like(fold)
+    found[:, order] = fold
     return found
 
 
@@ -281,47 +272,26 @@ def _felt(
     Int[np.ndarray, "trial time"] | None,
 ]:
     """Postures and hand images in float64, whatever they came in, where both are there, and blocks from 0."""
-    check(exp)
+    exp = check(exp)
     if "hand_image" not in exp:
         raise InvalidRecording("the recording has no variable 'hand_image': nothing is seen to learn from")
-    q, image = (
-        as_float_array(exp[name].values, f"variable '{name}'", error=InvalidRecording) for name in ("q", "hand_image")
-    )
+    q, image = exp["q"].values, exp["hand_image"].values
     felt = np.isfinite(q).all(-1) & np.isfinite(image).all(-1)
     if "hand_offset" in exp:
-        offset = as_float_array(exp["hand_offset"].values, "variable 'hand_offset'", error=InvalidRecording)[felt]
+        offset = exp["hand_offset"].values[felt]
         if len(offset) and not np.allclose(offset, offset[0], rtol=0.0, atol=0.0, equal_nan=True):
             raise InvalidRecording(
                 "the observed point moves in the hand (hand_offset varies); learn from rows of one offset, or fit the "
                 "body, of which each offset is a part"
             )
-    return q, image, felt, _whole_variable(exp, "block", from_zero=True)
-
-
-def _whole_variable(exp: xr.Dataset, name: str, from_zero: bool = False) -> Int[np.ndarray, "trial time"] | None:
-    """An optional variable of numbers; None where it is missing."""
-    if name not in exp:
-        return None
-    values = exp[name].values
-    if values.dtype.kind not in "iu" or exp[name].dims != ("trial", "time"):
-        raise InvalidRecording(
-            f"variable '{name}' holds {values.dtype} over {exp[name].dims}; give whole numbers over (trial, time)"
-        )
-    if from_zero:
-        values = np.unique(values, return_inverse=True)[1].reshape(values.shape)
-    return values.astype(np.int64)
+    block = None
+    if "block" in exp:
+        block = np.unique(exp["block"].values, return_inverse=True)[1].reshape(felt.shape).astype(np.int64)
+    return q, image, felt, block
 
 
 def _unit(exp: xr.Dataset) -> str:
     return str(exp["hand_image"].attrs.get("units", ""))
-
-
-def _canonical(data: Samples) -> Int[Tensor, "count"]:
-    """The order by the first joint, then the second ..., then by the image, then by block and repeat."""
-    columns = [*data.q.numpy().T, *data.image.numpy().T]
-    columns += [numbers.numpy() for numbers in (data.block, data.repeat) if numbers is not None]
-    # The last key counts most.
-    return torch.from_numpy(np.lexsort(columns[::-1]))
 
 
 def _over_spread(q: Float[np.ndarray, "count p"]) -> Float[np.ndarray, "count p"]:

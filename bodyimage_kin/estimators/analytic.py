@@ -11,6 +11,7 @@ from torch import Tensor
 
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
+from bodyimage_kin.recordings import require_aligned
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,5 +48,11 @@ class Analytic(Estimator):
     body: Embodiment
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> AnalyticJacobian:
-        """The analytic Jacobian, whatever the experience. See :meth:`Estimator.fit`."""
+        """The analytic Jacobian, whatever the experience shows. See :meth:`Estimator.fit`.
+
+        Raises:
+            InvalidRecording: An experience of other joints than the body feels, or in another order.
+            UnknownName: A joint that the body does not feel.
+        """
+        require_aligned(exp, self.body)
         return AnalyticJacobian(self.body)

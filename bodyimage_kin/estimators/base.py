@@ -24,7 +24,15 @@ from bodyimage_kin.estimators import _kept
 
 
 @runtime_checkable
-class Learned(Protocol):
+class HasDisplacement(Protocol):
+    """The least that a learned Jacobian can be asked: all that integration needs."""
+
+    def displacement(self, q: ArrayLike, dq: ArrayLike) -> Tensor:
+        """Predicted displacement of the hand image ``(*batch, m)`` when the joints move by dq from q."""
+
+
+@runtime_checkable
+class Learned(HasDisplacement, Protocol):
     """What is asked of a learned Jacobian, whoever learned it; tensors in, tensors out.
 
     Postures are ``(*batch, p)`` [rad or m], displacements of the joints likewise. Hand images have m coordinates, in
@@ -38,9 +46,6 @@ class Learned(Protocol):
     @property
     def m(self) -> int:
         """Number of coordinates of a hand image."""
-
-    def displacement(self, q: ArrayLike, dq: ArrayLike) -> Tensor:
-        """Predicted displacement of the hand image ``(*batch, m)`` when the joints move by dq from q."""
 
     def jacobian(self, q: ArrayLike) -> Tensor:
         """Derivative of the predicted displacement with respect to dq, at dq = 0, ``(*batch, m, p)``."""

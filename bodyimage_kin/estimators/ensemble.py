@@ -13,8 +13,9 @@ from torch import Tensor
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.estimators._samples import fold_of_each, is_scattered
+from bodyimage_kin.estimators._samples import fold_of_each
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
+from bodyimage_kin.recordings import is_scattered
 
 _ARCS = 10
 

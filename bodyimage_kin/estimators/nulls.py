@@ -19,7 +19,7 @@ from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators._field import JacobianField
-from bodyimage_kin.estimators.analytic import AnalyticJacobian
+from bodyimage_kin.estimators.analytic import Analytic
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 
 Truth: TypeAlias = Embodiment | LearnedJacobian | Estimator
@@ -70,7 +70,7 @@ class Null(Estimator):
     @staticmethod
     def _known(truth: Truth, exp: xr.Dataset, seed: int) -> LearnedJacobian:
         if isinstance(truth, Embodiment):
-            return AnalyticJacobian(truth)
+            return Analytic(truth).fit(exp)
         return truth if isinstance(truth, LearnedJacobian) else truth.fit(exp, seed)
 
     @abc.abstractmethod

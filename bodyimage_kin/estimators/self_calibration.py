@@ -19,11 +19,12 @@ from torch import Tensor
 
 from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.errors import InvalidConfig, InvalidRecording
+from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.estimators._chain import Chain
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import Samples, samples
 from bodyimage_kin.estimators.base import Estimator
+from bodyimage_kin.recordings import require_aligned
 
 _ROUNDING = 1e-20
 """Mean squared residual, in units of the images' variance, below which nothing is left to explain."""
@@ -88,16 +89,12 @@ class SelfCalibration(Estimator):
         """Learns from an experience; the seed draws the starts. See :meth:`Estimator.fit`.
 
         Raises:
-            InvalidConfig: An experience of another number of felt joints than the body has.
-            InvalidRecording: Fewer images than there are measures to find, or nothing to learn from.
+            InvalidRecording: An experience of other joints than the body feels, fewer images than there are measures to
+                find, or nothing to learn from.
+            UnknownName: A joint that the body does not feel.
         """
-        data = samples(exp)
+        data = samples(require_aligned(exp, self.body))
         chain = Chain.of(self.body)
-        if data.q.shape[1] != self.body.p:
-            raise InvalidConfig(
-                f"the experience is of {data.q.shape[1]} felt joints, embodiment '{self.body.name}' has {self.body.p}; "
-                "give the body it was recorded with"
-            )
         spread = torch.cat(
             [
                 torch.full_like(chain.axes.flatten(), self.axis_spread),

@@ -153,4 +153,5 @@ def _flattery(results: xr.Dataset) -> str:
 
 
 def _first_maps(results: xr.Dataset) -> int:
-    return int(json.loads(results.attrs.get("config", "{}")).get("first_maps", 1))
+    asked = json.loads(results.attrs.get("config", "{}")).get("first_maps", 1)
+    return max(asked.values(), default=1) if isinstance(asked, dict) else int(asked)

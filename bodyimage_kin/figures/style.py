@@ -114,6 +114,7 @@ LABELS: dict[str, str] = {
     "noise": "noise",
     "left_eye": "left eye",
     "right_eye": "right eye",
+    "training": "in training",
     "on_circle": "on the circle",
     "in_front": "in front of the face",
     "on_face": "on the face",

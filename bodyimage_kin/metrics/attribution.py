@@ -12,6 +12,8 @@ from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._whitening import Metric, metric_root, power_of_two
 from bodyimage_kin.metrics.excitation import Excitation
 
+__all__ = ["Attribution", "attribute"]
+
 
 @dataclass(frozen=True)
 class Attribution:

@@ -16,6 +16,8 @@ from bodyimage_kin._checks import number, refuse, whole
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._fields import Field, answer
 
+__all__ = ["Basin", "servo_basin"]
+
 _CHUNK = 1 << 15  # trials advanced together, so that temporaries stay in the tens of megabytes
 _SETTLED = 0.01  # of the tolerance: a trial this near its goal is done, not merely passing
 _APPROACH, _POLISH = 8, 30  # steps on the way to a start, and at most as many more to get there exactly

@@ -11,6 +11,8 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import NotVisible
 from bodyimage_kin.metrics.probes import Face, Probe, Training, probe_postures
 
+__all__ = ["depth_ratio"]
+
 
 def depth_ratio(body: Embodiment, seen: xr.Dataset, use: Probe | None = None) -> float:
     """Mean depth of the hand in training over its true mean depth where the Jacobian is used.

@@ -19,6 +19,8 @@ from bodyimage_kin.errors import InvalidArray, InvalidRecording
 from bodyimage_kin.estimators import edges
 from bodyimage_kin.metrics._whitening import Metric, metric_root, square_root
 
+__all__ = ["Excitation", "excitation", "motion_metric"]
+
 Motion: TypeAlias = xr.Dataset | ArrayLike
 """A recording, or joint displacements (*steps, p) [rad or m]."""
 

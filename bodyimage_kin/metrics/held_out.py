@@ -18,6 +18,8 @@ from bodyimage_kin._checks import whole
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.estimators import Pairs, fold_of_each, pairs
 
+__all__ = ["HeldOut", "hold_out", "hold_out_folds", "image_regions"]
+
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:

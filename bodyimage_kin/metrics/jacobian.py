@@ -21,6 +21,22 @@ from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._postures import SCORES, chunks, per_posture
 from bodyimage_kin.metrics._whitening import Metric, metric_root, power_of_two, ratio
 
+__all__ = [
+    "axis_relative_error",
+    "column_cosine",
+    "column_log_norm_ratio",
+    "displacement_error",
+    "jacobian_errors",
+    "log_condition_difference",
+    "manipulability_ratio",
+    "pooled_relative_error",
+    "pooled_scale_free_error",
+    "relative_error",
+    "row_space_angles",
+    "scale_free_error",
+    "singular_value_ratios",
+]
+
 
 def jacobian_errors(
     true: ArrayLike,

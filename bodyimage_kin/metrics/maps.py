@@ -22,6 +22,20 @@ from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._whitening import ratio
 from bodyimage_kin.metrics.neighbourhoods import neighbourhood_scores
 
+__all__ = [
+    "Procrustes",
+    "error_in_space",
+    "folded_cells",
+    "permuted",
+    "procrustes",
+    "quantization_error",
+    "scores",
+    "shuffled_touches",
+    "span",
+    "topographic_error",
+    "topological_error",
+]
+
 
 def _planar(map: ArrayLike) -> Float[np.ndarray, "rows columns 2"]:
     array = as_float_array(map, "map")

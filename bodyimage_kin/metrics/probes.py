@@ -16,13 +16,15 @@ import numpy as np
 import scipy.spatial
 import torch
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array, as_postures, refuse_not_finite
 from bodyimage_kin._checks import number, whole
+from bodyimage_kin.body.cameras import VirtualScreen
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidRecording, NotVisible
+from bodyimage_kin.recordings import check, require_aligned
 
 __all__ = [
     "Face",
@@ -71,12 +73,13 @@ class Training(Probe):
     """The postures of what was learned from: the true ones where the recording has a truth, else the felt ones."""
 
     def postures(self, body: Embodiment | None, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
-        """All finite postures of all trials, in order; no body is asked for.
+        """All finite postures of all trials, in order; where there is a body, of its joints.
 
         Raises:
-            InvalidRecording: A recording without postures.
+            InvalidRecording: A recording without postures, or of other joints.
+            UnknownName: A joint that the body does not feel.
         """
-        return torch.from_numpy(_training_postures(seen))
+        return torch.from_numpy(_training_postures(seen, body))
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,9 @@ class Face(Probe):
 
 @dataclass(frozen=True)
 class JointSpace(Probe):
-    """Postures uniform within the joint limits, of which the hand has an image; the same for every recording.
+    """Postures uniform within the joint limits at which the hand has an image; the same for every recording.
+
+    An image within the camera's sensor; on a virtual screen, which has no border, beyond its near plane.
 
     Attributes:
         count: How many.
@@ -166,7 +171,7 @@ def distances(
         :class:`Training`, with 1e-6 of its mean diagonal added so that it can be inverted; dimensionless), and distance
         of the hand from the nearest place where it was in training [m].
     """
-    seen = _training_postures(training)
+    seen = _training_postures(training, body)
     postures = as_float_array(q, "q", ndim=2)
     whitened = np.linalg.solve(spread_root(seen), (postures - seen.mean(0)).T)
     places, here = (_in_chunks(body.hand_position, torch.from_numpy(one)).numpy() for one in (seen, postures))
@@ -180,10 +185,9 @@ def spread_root(postures: Float[np.ndarray, "postures p"]) -> Float[np.ndarray, 
     return np.asarray(np.linalg.cholesky(covariance))
 
 
-def _training_postures(training: xr.Dataset) -> Float[np.ndarray, "postures p"]:
+def _training_postures(training: xr.Dataset, body: Embodiment | None) -> Float[np.ndarray, "postures p"]:
+    training = check(training) if body is None else require_aligned(training, body)
     name = "true_q" if "true_q" in training else "q"
-    if name not in training:
-        raise InvalidRecording("the recording has no variable 'q', the postures that are learned from")
     q = as_float_array(training[name].values, name, ndim=1)
     q = q.reshape(-1, q.shape[-1])
     q = q[np.isfinite(q).all(1)]
@@ -200,13 +204,13 @@ def _face(body: Embodiment, distance: float) -> Float[Tensor, "postures p"]:
 
 @lru_cache(maxsize=8)
 def _joint_space(body: Embodiment, count: int, seed: int) -> Float[Tensor, "postures p"]:
-    """Uniform within the limits; postures whose hand is nearer than the near plane, or behind, are drawn again."""
+    """Uniform within the limits; postures whose hand has no image are drawn again."""
     # The first postures of a longer draw are those of a shorter one, so no more are drawn than it takes.
     drawn = seen = body.felt_robot.sample(0, seed=seed)
     draws = 2 * count
     while len(seen) < count and len(drawn) < count * _DRAWS:
         drawn = body.felt_robot.sample(min(draws, count * _DRAWS), seed=seed)
-        seen = drawn[_in_chunks(body.hand_in_camera, drawn)[:, 2] >= body.camera.screen.near]
+        seen = drawn[_before_the_camera(body, _in_chunks(body.hand_in_camera, drawn))]
         draws = 1 + int(1.1 * draws * count / max(1, len(seen)))
     if len(seen) < count:
         raise NotVisible(
@@ -214,6 +218,12 @@ def _joint_space(body: Embodiment, count: int, seed: int) -> Float[Tensor, "post
             f"probe fewer than {count} of the joint space"
         )
     return seen[:count].clone()
+
+
+def _before_the_camera(body: Embodiment, points: Float[Tensor, "postures 3"]) -> Bool[Tensor, "postures"]:
+    """Whether points have an image: within the sensor, or anywhere on a virtual screen, which has no border."""
+    model = body.camera.model
+    return points[:, 2] >= model.near if isinstance(model, VirtualScreen) else model.visible(points)
 
 
 def _in_chunks(of: Callable[[Tensor], Tensor], q: Float[Tensor, "postures p"]) -> Float[Tensor, "postures ..."]:

@@ -12,6 +12,8 @@ from jaxtyping import Bool, Float
 from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
 from bodyimage_kin.errors import InvalidArray
 
+__all__ = ["critical_gain", "locally_stable", "monotone", "servo_matrix"]
+
 _EPS = float(np.finfo(np.float64).eps)
 
 

@@ -11,6 +11,8 @@ from jaxtyping import Float
 from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
 from bodyimage_kin.metrics._whitening import ratio
 
+__all__ = ["curl", "trajectory_rmse", "velocity_correlation", "velocity_nrmse"]
+
 
 def _finite_rows(true: ArrayLike, estimated: ArrayLike) -> tuple[Floats, Floats]:
     true, estimated = as_pair(true, estimated, ("true", "estimated"), ndim=1)

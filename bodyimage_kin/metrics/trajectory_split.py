@@ -16,6 +16,8 @@ from bodyimage_kin._checks import whole
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._fields import Field, answer, line_integrals
 
+__all__ = ["ErrorSplit", "error_split"]
+
 _STEP_NODES = 4  # on each step, which is short: exact for a Jacobian of degree seven along it
 
 

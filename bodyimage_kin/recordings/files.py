@@ -1,42 +1,175 @@
-"""Recordings as NetCDF files that describe themselves, written once and atomically."""
+"""Recordings as files: NetCDF that describes itself, written atomically; tables of others, read without trust."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
+import h5py
 import xarray as xr
 
 from bodyimage_kin._files import atomic_path
-from bodyimage_kin.errors import InvalidRecording
-from bodyimage_kin.recordings.schema import check
+from bodyimage_kin.body import Embodiment
+from bodyimage_kin.errors import InvalidConfig, InvalidRecording
+from bodyimage_kin.recordings._attributes import decoded, encoded
+from bodyimage_kin.recordings.columns import Column, Columns, read_columns
+from bodyimage_kin.recordings.schema import COORDINATES, VARIABLES, check, with_blocks
+from bodyimage_kin.recordings.tables import TABLES
+from bodyimage_kin.robot import Robot
+
+MOST_BYTES = 1 << 30
+"""Of all that a file unpacks to; one that claims to hold more is refused before it is read."""
+_TEXT = 64
+"""Bytes of a name, as Python keeps it."""
+_KNOWN = (*VARIABLES, *COORDINATES)
 
 
 def write_recording(recording: xr.Dataset, path: str | os.PathLike[str]) -> None:
     """Writes a recording (or an experience) as NetCDF; an interrupted write leaves nothing under the final name.
 
+    Attributes that NetCDF cannot hold (booleans, None, lists, tables) are written as JSON.
+
     Raises:
-        InvalidRecording: Not a recording, or a place that cannot be written to.
+        InvalidRecording: Not a recording, one with variables or attributes that no recording has, or a place that
+            cannot be written to.
     """
-    check(recording)
+    recording = check(recording)
+    for name in recording.variables:
+        if name not in _KNOWN:
+            raise InvalidRecording(f"a recording has no variable '{name}'; write it without: .drop_vars('{name}')")
+    stored = recording.drop_encoding()
+    stored.attrs = encoded("the recording", recording.attrs)
+    for name, variable in stored.variables.items():
+        variable.attrs = encoded(f"variable '{name}'", recording[name].attrs)
     try:
         with atomic_path(Path(path)) as temporary:
-            recording.to_netcdf(temporary, engine="h5netcdf")
-    except OSError as problem:
-        raise InvalidRecording(f"cannot write recording '{path}': {problem}") from problem
+            stored.to_netcdf(temporary, engine="h5netcdf")
+    except (OSError, ValueError, TypeError) as problem:
+        raise InvalidRecording(f"cannot write recording '{path}': {_first_line(problem)}") from problem
 
 
-def read_recording(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Reads a recording that :func:`write_recording` wrote.
+def read_recording(
+    path: str | os.PathLike[str],
+    columns: Columns | None = None,
+    *,
+    units: Mapping[str, str] | None = None,
+    robot: Robot | Embodiment | None = None,
+    joints: Sequence[str] | None = None,
+    order: Literal["stream", "scattered"] | str | None = None,
+    size: Sequence[int] | None = None,
+    unseen: Sequence[float | int] = (),
+    where: Mapping[Column, float | int | str] | None = None,
+    gap: float | int | None = None,
+    variable: str | None = None,
+    decimal: str = ".",
+) -> xr.Dataset:
+    """Reads a recording: one of ours from NetCDF, or a table of postures and observations.
+
+    A table is a text (CSV and its like), a Parquet file or a MATLAB file of a matrix or of structs. What people get
+    wrong in one is said in one line, with row and column: degrees taken for radians, millimetres for metres, time going
+    backwards, an image outside the sensor are errors; gaps, doubled rows and joints that never move are warnings.
+
+    Args:
+        path: The file; its ending says what it is.
+        columns: Variable of a recording (``q``, ``hand_image``, ``hand_position``, ``hand_offset``, ``touched``,
+            ``intensity``, ``time``, ``trial``, ``block``, ``repeat``, ``at_reference``) -> its columns: a name, a
+            number (from 0, where every column is given so), a list of them, joint -> name, or a pattern with one ``*``
+            that stands for the joint. None: columns named ``q.JOINT``, ``hand_image.u`` and the like, or as the joints.
+        units: Variable -> its unit in the file: ``"deg"``, ``"mm"``, ``"px"``, ``"ms"`` ...; radians, metres and
+            seconds where nothing is said, and pixels of an image.
+        robot: Whose joints these are: their names and limits are checked; of an embodiment, also the image's unit.
+        joints: Names of the joints, where the columns of ``q`` are a list.
+        order: ``"stream"``, rows one after the other in time, or ``"scattered"``, postures in no order; a column of
+            time says the first.
+        size: (width, height) of the image [px], to check it.
+        unseen: Numbers that stand for an unseen hand, where all coordinates bear one.
+        where: Column -> value: only rows that have it are taken.
+        gap: A pause of more than this begins a new trial [s].
+        variable: Name of the variable in a MATLAB file that holds several.
+        decimal: What stands before the decimals in a text.
+
+    Returns:
+        The recording; what no recording has is left in the file.
+
+    A scattered recording without blocks gets contiguous fifths of its rows.
 
     Raises:
-        InvalidRecording: A file that is missing, is no NetCDF, or lacks a variable.
+        UnknownName: A column, variable or joint that there is not.
+        InvalidConfig: Arguments that do not fit together, or arguments of tables with a NetCDF file.
+        MissingDependency: A Parquet file, without pyarrow.
+        InvalidRecording: A file that is missing, is no NetCDF, claims to hold more than a GiB, lacks a variable or
+            holds something else in one.
     """
     if not Path(path).is_file():
         raise InvalidRecording(f"there is no recording at '{path}'")
+    if Path(path).suffix.lower() in TABLES:
+        return read_columns(
+            Path(path), columns, units=units, robot=robot, joints=joints, order=order, size=size, unseen=unseen,
+            where=where, gap=gap, variable=variable, decimal=decimal,
+        )  # fmt: skip
+    of_tables: dict[str, object] = {
+        "columns": columns, "units": units, "robot": robot, "joints": joints, "order": order, "size": size,
+        "unseen": unseen or None, "where": where, "gap": gap, "variable": variable,
+    }  # fmt: skip
+    if given := [name for name, value in of_tables.items() if value is not None]:
+        raise InvalidConfig(f"{given[0]}: this is of tables ({', '.join(TABLES)}); '{Path(path).name}' is none")
     try:
-        with xr.open_dataset(path, engine="h5netcdf") as stored:
+        others = _others(Path(path))
+        with xr.open_dataset(
+            path, engine="h5netcdf", drop_variables=others, decode_times=False, decode_timedelta=False
+        ) as stored:
             recording = stored.load()
-    except (OSError, ValueError, KeyError) as problem:
-        raise InvalidRecording(f"'{path}' is no NetCDF recording: {problem}") from problem
-    return check(recording)
+    except InvalidRecording:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError, AttributeError, OverflowError) as problem:
+        raise InvalidRecording(f"'{path}' is no NetCDF recording: {_first_line(problem)}") from problem
+    recording.attrs = decoded(recording.attrs)
+    for stored_variable in recording.variables.values():
+        stored_variable.attrs = decoded(stored_variable.attrs)
+    return with_blocks(check(recording))
+
+
+def _others(path: Path) -> list[str]:
+    """Names of what is in a file and no recording has; the file itself is looked at, and nothing unpacked.
+
+    Raises:
+        InvalidRecording: It claims to hold too much, or points at other files.
+    """
+    size, others = 0, []
+    with h5py.File(path, "r") as file:
+        for name in file:
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+                raise InvalidRecording(f"'{path}': '{name}' points elsewhere; give a file that holds its own data")
+            if name not in _KNOWN:
+                others.append(name)
+                continue
+            data = file[name]
+            if not isinstance(data, h5py.Dataset):
+                raise InvalidRecording(f"'{path}': '{name}' is no variable")
+            if data.external or data.is_virtual:
+                raise InvalidRecording(
+                    f"'{path}': '{name}' is kept in other files; give a file that holds its own data"
+                )
+            # A single chunk is unpacked as a whole, and may be larger than the variable.
+            count = max(_count(data.shape or ()), _count(data.chunks or ()))
+            size += count * (_TEXT if data.dtype.kind == "O" else max(data.dtype.itemsize, 8))
+            if size > MOST_BYTES:
+                raise InvalidRecording(
+                    f"'{path}' claims to hold more than {MOST_BYTES >> 20} MiB (variable '{name}': "
+                    f"{' x '.join(map(str, data.shape or ()))}); cut it into shorter recordings"
+                )
+    return others
+
+
+def _count(shape: tuple[int, ...]) -> int:
+    # Python's whole numbers, which do not overflow.
+    count = 1
+    for length in shape:
+        count *= int(length)
+    return count
+
+
+def _first_line(problem: Exception) -> str:
+    return (str(problem).splitlines() or [type(problem).__name__])[0]

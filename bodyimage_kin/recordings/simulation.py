@@ -26,7 +26,7 @@ from bodyimage_kin.recordings.contacts import find_contacts, touched_taxels
 from bodyimage_kin.recordings.kinematic import follow
 from bodyimage_kin.recordings.motions import Motion, written
 from bodyimage_kin.recordings.paths import Path
-from bodyimage_kin.recordings.schema import make_recording
+from bodyimage_kin.recordings.schema import assemble, joint_units
 from bodyimage_kin.recordings.settings import Drag, Noise
 
 Stream = Sequence[np.random.SeedSequence]
@@ -248,15 +248,16 @@ def _look(asked: _Asked, postures: Float[np.ndarray, "time p"]) -> Bool[np.ndarr
 
 def _note(asked: _Asked, seed: int, streams: Sequence[Stream], moved: Sequence[_Moved]) -> xr.Dataset:
     """The recording of these trials: what is felt and what is true."""
-    body, noise = asked.body, asked.noise
+    body, noise, motion = asked.body, asked.noise, asked.motion
+    skin, model = body.require_skin(), body.camera.model
     trials, samples = len(moved), max(len(trial.q) for trial in moved)
     q = np.full((trials, samples, body.p), np.nan)
     true_q = q.copy()
     at_reference = np.zeros((trials, samples), dtype=bool)
     true_image, position = np.full((trials, samples, body.m), np.nan), np.full((trials, samples, 3), np.nan)
     image = true_image.copy()
-    true_taxel = np.full((trials, samples), -1, dtype=np.int64)
-    taxel = true_taxel.copy()
+    true_touched = np.full((trials, samples, 1), -1, dtype=np.int64)
+    touched = true_touched.copy()
     for trial, (one, stream) in enumerate(zip(moved, streams, strict=True)):
         for_encoders, for_image, for_silence = map(np.random.default_rng, stream[2:5])
         here = slice(0, len(one.q))
@@ -266,26 +267,41 @@ def _note(asked: _Asked, seed: int, streams: Sequence[Stream], moved: Sequence[_
             tensor = torch.from_numpy(one.q)
             true_image[trial, here] = body.hand_image(tensor, on_invisible="nan").numpy()
             position[trial, here] = body.hand_position(tensor).numpy()
-        true_taxel[trial, here] = one.taxel
+        true_touched[trial, here, 0] = one.taxel
         q[trial, here] = one.q + noise.encoder * for_encoders.standard_normal(one.q.shape)
         noisy = true_image[trial, here] + noise.image * for_image.standard_normal((len(one.q), body.m))
         image[trial, here] = np.where(one.visible[:, None], noisy, np.nan)
-        silent = for_silence.random(len(one.q)) < asked.motion.silence
-        taxel[trial, here] = np.where(silent, -1, one.taxel)
+        silent = for_silence.random(len(one.q)) < motion.silence
+        touched[trial, here, 0] = np.where(silent, -1, one.taxel)
     with torch.no_grad():
-        reference_image = body.hand_image(body.touch_postures([body.require_skin().reference]))[0].numpy()
-    return make_recording(
-        body,
-        q=q,
-        hand_image=image,
-        taxel=taxel,
-        at_reference=at_reference,
-        reference_image=reference_image,
-        true_q=true_q,
-        true_hand_image=true_image,
-        true_hand_position=position,
-        true_taxel=true_taxel,
-        sampling=asked.motion.sampling,
-        motion=type(asked.motion).__name__,
-        config=asked.config(seed),
+        reference_image = body.hand_image(body.touch_postures([skin.reference]))[0].numpy()
+    return assemble(
+        {
+            "q": q,
+            "hand_image": image,
+            "touched": touched,
+            "at_reference": at_reference,
+            "reference_image": reference_image,
+            "true_q": true_q,
+            "true_hand_image": true_image,
+            "true_hand_position": position,
+            "true_touched": true_touched,
+        },
+        joints=body.joints,
+        axes=model.names,
+        time=np.round(np.arange(samples) * motion.sampling, 9),
+        units={"q": joint_units(body), "hand_image": model.unit, "time": "s"},
+        attributes={
+            "order": "stream",
+            "motion": type(motion).__name__,
+            "embodiment": body.name,
+            "embodiment_sha256": body.sha256,
+            "urdf_sha256": body.robot.sha256,
+            "rows": skin.shape[0],
+            "columns": skin.shape[1],
+            "sampling": motion.sampling,
+            "encoder_noise": noise.encoder,
+            "image_noise": noise.image,
+            "config": asked.config(seed),
+        },
     )

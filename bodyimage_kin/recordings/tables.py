@@ -28,6 +28,9 @@ MOST_ROWS = 5_000_000
 """Rows of a table; a longer one is refused before it is read."""
 MOST_BYTES = 2 << 30
 """Of a file, and of what it unpacks to."""
+TABLES = (".csv", ".tsv", ".txt", ".dat", ".parquet", ".mat")
+"""Endings of the files that are read as tables."""
+_TEXTS = TABLES[:4]
 _SEPARATORS = ",;\t"
 _HEAD = 1 << 16
 
@@ -143,7 +146,7 @@ def read_table(
     if size == 0:
         raise InvalidRecording(f"'{path.name}' is empty")
     suffix = path.suffix.lower()
-    if suffix in (".csv", ".tsv", ".txt", ".dat"):
+    if suffix in _TEXTS:
         return _text(path, by_position, decimal, most_rows)
     if suffix == ".parquet":
         return _parquet(path, most_rows)

@@ -270,7 +270,7 @@ def _near_and_far(one: xr.Dataset) -> list[list[str]]:
         for probe in one["probe"].values
         if bool(one["hand_distance_by_posture"].sel(probe=probe).notnull().any())
     ]
-    far = [name for name in names if "joint_space" in kinds.get(name, {})]
+    far = [name for name in names if "JointSpace" in kinds.get(name, {})]
     return [group for group in ([name for name in names if name not in far], far) if group]
 
 
@@ -286,7 +286,7 @@ def _atlas(
     if chosen is None and names:
         chosen = min(names, key=lambda name: float(face[errors[0]].sel(estimator=name).mean()))
     shape = json.loads(results.attrs.get("skin_shape", "{}")).get(embodiment)
-    if chosen is None or shape is None:
+    if chosen is None or not shape:
         return []
     rows, columns = shape
     maps = {}

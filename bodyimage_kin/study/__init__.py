@@ -1,7 +1,30 @@
-"""Studies: grids of independent cells, worked off in processes."""
+"""Studies: grids of independent cells, worked off in processes that can be killed, and what can be said of them."""
 
-from bodyimage_kin.study.study import Study as Study
-from bodyimage_kin.study.summary import chain as chain
-from bodyimage_kin.study.summary import compare as compare
-from bodyimage_kin.study.summary import failures as failures
-from bodyimage_kin.study.summary import summarise as summarise
+from bodyimage_kin.study.context import Context, Fact, Score, WrongResult
+from bodyimage_kin.study.facts import FACTS
+from bodyimage_kin.study.grid import Row, Simulation
+from bodyimage_kin.study.results import read_study, recording_of
+from bodyimage_kin.study.scores import SCORES
+from bodyimage_kin.study.scoring import PROBES, score
+from bodyimage_kin.study.study import Study
+from bodyimage_kin.study.summary import chain, compare, failures, summarise
+
+__all__ = [
+    "FACTS",
+    "PROBES",
+    "SCORES",
+    "Context",
+    "Fact",
+    "Row",
+    "Score",
+    "Simulation",
+    "Study",
+    "WrongResult",
+    "chain",
+    "compare",
+    "failures",
+    "read_study",
+    "recording_of",
+    "score",
+    "summarise",
+]

@@ -1,158 +1,140 @@
-"""A study's work: a ground (one embodiment and motion, a block of seeds) and the cells of estimators that stand on it.
+"""What a worker does: record a block of seeds, or let one row learn from it; both write into the store.
 
-Everything here runs in a worker, from plain tables and datasets to datasets. Each seed has random streams of its own,
-spawned from the study's by the cell's name, so that nothing depends on who works, on how many do, or in what order.
+Each seed has random streams of its own, spawned from the study's by the cell's name, so that nothing depends on who
+works, on how many do, or in what order.
 """
 
 from __future__ import annotations
 
-import hashlib
+import functools
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 import xarray as xr
 
-from bodyimage_kin import metrics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig
-from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import experience, simulate_many
-from bodyimage_kin.study import maps, scoring
-from bodyimage_kin.study.scores import CAUSES, PARTS, SCORES
-from bodyimage_kin.study.scoring import WrongResult
-from bodyimage_kin.study.specs import Table, build_estimator, build_probe, motion_arguments
+from bodyimage_kin.recordings.schema import versions
+from bodyimage_kin.study.context import Context, Score, WrongResult
+from bodyimage_kin.study.facts import SHARED_MAPS
+from bodyimage_kin.study.grid import ROLES, Block, Row, Simulation
+from bodyimage_kin.study.scoring import built_probe, computed, need_maps, resolve
+from bodyimage_kin.study.specs import ESTIMATOR, MOTION, Table, arguments, from_settings
+from bodyimage_kin.study.store import Part, Store, padded, said
 
-_AXES = ["x", "y"]
-"""Of the hand image, as recordings name them."""
-_ORACLE_SAMPLE = 64
-"""Postures at which another backend's truth is held against Pinocchio's."""
-
-
-@dataclass(frozen=True)
-class Ground:
-    """What all estimators of one embodiment, motion and block of seeds share.
-
-    Attributes:
-        embodiment: Its name in the study.
-        recording: Likewise.
-        seeds: The block's.
-        body: Table of the embodiment, its path resolved.
-        sha256: Hash of the embodiment that the study began with.
-        motions: Table of the recording.
-        probes: Name -> table.
-        entropy: Of the study's random streams.
-        excitation_cut: A direction counts as excited from this on.
-        per_posture: Whether scores of each posture are kept.
-        first_maps: Number of first maps that each recording is tried with; 0: no maps are learned.
-    """
-
-    embodiment: str
-    recording: str
-    seeds: tuple[int, ...]
-    body: Table
-    sha256: str
-    motions: Table
-    probes: Mapping[str, Table]
-    entropy: int
-    excitation_cut: float
-    per_posture: bool
-    first_maps: int = 0
-
-    @property
-    def roles(self) -> tuple[str, ...]:
-        """Of the recordings that cells need: touches only where there are maps to learn."""
-        return ("training", "touch", "tour") if self.first_maps else ("training", "tour")
-
-    @property
-    def motion(self) -> str:
-        """Name of the motion that is learned from."""
-        return next(name for name in self.motions if name not in ("touch", "tour"))
+AGAIN = "again"
+"""What :func:`learn` says when the recordings were damaged and are to be made anew."""
+_UNFELT = {"f": np.nan, "i": -1, "u": 0, "b": False}
+"""What pads the shorter of several trials, by kind of number."""
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """The recordings of a ground, and what they say before anything is learned.
-
-    Attributes:
-        recordings: ``"training"``, ``"touch"`` and ``"tour"`` -> one recording a seed.
-        facts: Dims (seed, probe, posture, direction, joint): ``metric``, ``excitation``, ``mahalanobis_distance``,
-            ``hand_distance``, ``max_oracle_difference``; with maps, those of :func:`maps.direct_facts`.
-    """
-
-    recordings: Mapping[str, Sequence[xr.Dataset]]
-    facts: xr.Dataset
-
-
-def stream(entropy: int, name: str, count: int = 1) -> list[int]:
-    """Seeds of a cell: the study's ``SeedSequence``, spawned by the cell's name.
-
-    Args:
-        entropy: The study's own seed.
-        name: Such as ``embodiment/recording/seed``.
-        count: How many.
-
-    Returns:
-        Numbers below 2^32, which every library takes.
-    """
-    key = np.frombuffer(hashlib.sha256(name.encode()).digest(), dtype="<u4")
-    return [int(value) for value in np.random.SeedSequence(entropy, spawn_key=key.tolist()).generate_state(count)]
-
-
-def make_scene(ground: Ground) -> Scene | str:
-    """Simulates the recordings of a ground and measures what they excite; or says what went wrong."""
+def record(block: Block) -> str:
+    """Makes the recordings of a block and measures facts of them; says what went wrong, if anything did."""
+    body = load_body(block)
+    store = Store(Path(block.store))
     try:
-        return _simulate(ground, load_body(ground))
-    except Exception as problem:
-        # Said in words: not every error can travel from a worker.
-        return describe(problem)
-
-
-def run_cell(ground: Ground, scene: Scene, name: str, table: Table, keep: Sequence[str]) -> xr.Dataset:
-    """Trains one estimator on a block of seeds together, and scores what each learned.
-
-    Args:
-        ground: Of the cell.
-        scene: Its recordings, those of the ground's ``roles``, and facts.
-        name: The estimator's name in the study.
-        table: Its table.
-        keep: Names of the scores to keep.
-
-    Returns:
-        Scores over ``seed``; ``failure`` says what went wrong with a seed, empty where nothing did. A seed that failed
-        has NaN for every score.
-    """
-    body = load_body(ground)
-    begin = time.thread_time()
-    try:
-        all_learned = _fit(ground, scene, name, build_estimator(table, body))
+        recordings = _recordings(block, body)
+        store.write_recordings(block, recordings)
+        loaded = {
+            role: [store.given_recording(one) if isinstance(one, str) else one for one in ones]
+            for role, ones in recordings.items()
+        }
+        names = list(block.settings["facts"])
+        if need_maps(block.settings["scores"], Path(block.folder)):
+            names += [name for name in SHARED_MAPS if name not in names]
+        facts = [resolve(name, Path(block.folder)) for name in names]
+        found = [computed(_context(block, body, loaded, index, Row(), {}), facts) for index in range(len(block.seeds))]
     except (Exception, SystemExit) as problem:
-        return failed(ground, keep, describe(problem))
-    seconds = (time.thread_time() - begin) / len(ground.seeds)
-    found = []
-    for index, learned in enumerate(all_learned):
-        try:
-            values = scoring.score(
-                body,
-                {role: scene.recordings[role][index] for role in ground.roles},
-                scene.facts.isel(seed=index),
-                learned,
-                ground.probes,
-                excitation_cut=ground.excitation_cut,
-                per_posture=ground.per_posture,
-                map_seeds=_map_seeds(ground, ground.seeds[index])[1:] if ground.first_maps else (),
-                keep=keep,
-            )
-            values["fit_seconds"] = np.float64(seconds)
-            found.append(_dataset(ground, values, keep))
-        except (Exception, SystemExit) as problem:
-            found.append(_nothing(ground, keep, describe(problem)))
-    return stack(found, ground.seeds)
+        if type(problem).__name__ == "OutputRefused":
+            raise
+        return said(problem)
+    axis = loaded["training"][0].coords.get("axis")
+    store.write(store.part(block), _part(block, block.identity(), facts, found, axis=axis))
+    return ""
+
+
+def learn(block: Block, name: str, table: Table) -> str:
+    """Lets a row learn from a block, seeds together, and scores what it learned; :data:`AGAIN`: nothing to learn from.
+
+    A seed that failed has no score, and its failure says why.
+
+    Args:
+        block: Recorded before.
+        name: The row's, in the study.
+        table: The row's.
+    """
+    body = load_body(block)
+    store = Store(Path(block.store))
+    recordings, facts = _recorded(block), store.read(store.part(block), block.identity())
+    if recordings is None or facts is None:
+        _recorded.cache_clear()
+        return AGAIN
+    identity, folder = block.identity(name, table), Path(block.folder)
+    asked = [resolve(score, folder) for score in block.settings["scores"]]
+    found: list[Any] = [None] * len(block.seeds)
+    failures = [""] * len(block.seeds)
+    try:
+        row = row_of(table, folder)
+        known = [{key: values[index] for key, values in facts.arrays.items()} for index in range(len(block.seeds))]
+        contexts = [_context(block, body, recordings, index, row, known[index]) for index in range(len(block.seeds))]
+        _fit(block, name, row, body, contexts)
+    except (Exception, SystemExit) as problem:
+        failures = [said(problem)] * len(block.seeds)
+    for index, failure in enumerate(failures):
+        if not failure:
+            try:
+                found[index] = computed(contexts[index], asked)
+            except (Exception, SystemExit) as problem:
+                failures[index] = said(problem)
+    axis = recordings["training"][0].coords.get("axis")
+    store.write(store.part(block, name), _part(block, identity, asked, found, failures, axis))
+    return ""
+
+
+def failed(block: Block, name: str, table: Table, failure: str) -> Part:
+    """The scores of a cell of which nothing came."""
+    failures = [failure] * len(block.seeds)
+    return _part(block, block.identity(name, table), [], [None] * len(block.seeds), failures)
+
+
+def load_body(block: Block) -> Embodiment | None:
+    """The embodiment of a block, loaded once a process; makes the process one that computes with one thread."""
+    # Bits depend on how sums are divided among threads, and the processes of a pool divide the work already.
+    torch.set_num_threads(1)
+    return _load(body_place(block.body, Path(block.folder), Path(block.store)), block.body.get("backend"), block.sha256)
+
+
+def body_place(table: Table, folder: Path, store: Path) -> str:
+    """Name of an embodiment, or its path from here; empty: there is none.
+
+    Args:
+        table: Of the embodiment.
+        folder: Where relative paths begin.
+        store: Of the study, for embodiments that it was handed.
+    """
+    if "given" in table:
+        return str(store / "given" / table["given"] / "embodiment.toml")
+    named = str(table.get("embodiment", ""))
+    return str((folder / named).absolute()) if named.endswith(".toml") else named
+
+
+def row_of(table: Mapping[str, Any], folder: Path = Path()) -> Row:
+    """The row of a table, its estimator not yet built.
+
+    Raises:
+        InvalidConfig: A setting that a row does not have, or out of range.
+    """
+    if "estimator" not in table:
+        return Row(dict(table))
+    settings = arguments("row", Row, {key: value for key, value in table.items() if key != "estimator"}, folder)
+    return Row(None if table["estimator"] == "none" else table["estimator"], **settings)
 
 
 def fit_all(spec: Any, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[Any]:
@@ -169,151 +151,181 @@ def fit_all(spec: Any, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) 
     return learned
 
 
-def failed(ground: Ground, keep: Sequence[str], failure: str) -> xr.Dataset:
-    """The result of a cell of which nothing came."""
-    return stack([_nothing(ground, keep, failure)] * len(ground.seeds), ground.seeds)
-
-
-def describe(problem: BaseException) -> str:
-    """An error in one line: its class and what it says."""
-    said = " ".join(str(problem).split())
-    return f"{type(problem).__name__}: {said}" if said else type(problem).__name__
-
-
-def stack(datasets: Sequence[xr.Dataset], seeds: Sequence[int]) -> xr.Dataset:
-    """One dataset a seed as one over ``seed``, padded with NaN where postures are fewer."""
-    return concat(datasets, labels("seed", seeds))
-
-
-def concat(datasets: Sequence[xr.Dataset], dim: Any) -> xr.Dataset:
-    """Datasets side by side; what one of them lacks is NaN."""
-    return xr.concat(list(datasets), dim, data_vars="all", join="outer", combine_attrs="override")
-
-
-def labels(dim: str, values: Sequence[Any]) -> xr.DataArray:
-    """A new dimension with these labels, for :func:`concat`."""
-    return xr.DataArray(list(values), dims=[dim], name=dim)
-
-
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
 @lru_cache(maxsize=8)
-def _load(name: str, backend: str | None, sha256: str) -> Embodiment:
+def _load(name: str, backend: str | None, sha256: str) -> Embodiment | None:
+    if not name:
+        return None
     body = load_embodiment(name, backend)
     if body.sha256 != sha256:
         raise InvalidConfig(f"embodiment '{name}' has changed since the study began; begin a new one")
     return body
 
 
-def load_body(ground: Ground) -> Embodiment:
-    """The embodiment of a ground, loaded once a process; makes the process one that computes with one thread."""
-    # Bits depend on how sums are divided among threads, and the processes of a pool divide the work already.
-    torch.set_num_threads(1)
-    return _load(ground.body["embodiment"], ground.body.get("backend"), ground.sha256)
+# The rows of a block come one after the other.
+@lru_cache(maxsize=2)
+def _recorded(block: Block) -> dict[str, list[xr.Dataset]] | None:
+    return Store(Path(block.store)).read_recordings(block)
 
 
-def _simulate(ground: Ground, body: Embodiment) -> Scene:
-    kinds = {"training": ground.motion, "touch": "random_touch", "tour": "face_tour"}
-    streams = [stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}", 3) for seed in ground.seeds]
-    recordings = {
-        role: simulate_many(
-            body,
-            seeds=[one[index] for one in streams],
-            threads=1,
-            **motion_arguments(kind, ground.motions[kind if role == "training" else role]),
-        )
-        for index, (role, kind) in enumerate(kinds.items())
-    }
-    facts = []
-    for seed, training, touch in zip(ground.seeds, recordings["training"], recordings["touch"], strict=True):
-        facts.append(_facts(ground, body, training, touch))
-        if ground.first_maps:
-            facts[-1] = facts[-1].merge(maps.direct_facts(body, training, touch, _map_seeds(ground, seed)))
-    return Scene(recordings, stack(facts, ground.seeds))
+@functools.cache
+def _versions() -> dict[str, str]:
+    return versions()
 
 
-def _map_seeds(ground: Ground, seed: int) -> list[int]:
-    """Seeds of the posture map, then of each of the first maps: the same for every estimator."""
-    # No estimator has a space in its name.
-    return stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}/first maps", 1 + ground.first_maps)
+def _recordings(block: Block, body: Embodiment | None) -> dict[str, list[Any]]:
+    """Role -> one a seed: a recording, or the hash of one that the study was handed."""
+    table, found = block.simulation, {}
+    motions = {role: table[role] if isinstance(table.get(role), list) else [table.get(role)] for role in ROLES}
+    count = len(ROLES) + len(motions["training"]) - 1
+    streams = [block.seeds_of("recordings", seed, count) for seed in block.seeds]
+    for index, role in enumerate(ROLES):
+        one = table.get(role)
+        if one in (None, "none") or (
+            role != "training" and (body is None or body.skin is None) and "recording" not in one
+        ):
+            continue
+        if "recording" in one:
+            given = one["recording"]
+            found[role] = [given[n] if isinstance(given, list) else given for n in block.places]
+            continue
+        if body is None:
+            raise InvalidConfig(f"{role}: a motion is simulated with an embodiment; give a recording, or a body")
+        # Further motions of the training have streams after those of the first three recordings.
+        numbers = [index, *range(len(ROLES), count)] if role == "training" else [index]
+        trials = [
+            _simulated(block, body, motion, [one[number] for one in streams])
+            for motion, number in zip(motions[role], numbers, strict=True)
+        ]
+        found[role] = [_one_recording(ones) for ones in zip(*trials, strict=True)]
+    return found
 
 
-def _facts(ground: Ground, body: Embodiment, training: xr.Dataset, touch: xr.Dataset) -> xr.Dataset:
-    postures = {
-        name: probes.probe_postures(build_probe(table), body, training) for name, table in ground.probes.items()
-    }
-    away = {probe: probes.distances(body, training, q) for probe, q in postures.items()}
-    found = metrics.excitation(training, touch, "true", ground.excitation_cut)
-    return xr.Dataset(
-        {
-            "metric": (("joint", "other_joint"), found.motion_metric, {"units": "rad^2"}),
-            "excitation": (("direction",), found.eigenvalues, {"long_name": "G_train v = mu G_use v", "units": "1"}),
-            "excited_motion": (("joint", "direction"), found.eigenvectors, {"long_name": "v", "units": "1/rad"}),
-            "mahalanobis_distance": (
-                ("probe", "posture"),
-                probes.by_posture([one[0] for one in away.values()]),
-                {"long_name": "distance from training in its joint space", "units": "1"},
-            ),
-            "hand_distance": (
-                ("probe", "posture"),
-                probes.by_posture([one[1] for one in away.values()]),
-                {"long_name": "distance of the hand from where it was in training", "units": "m"},
-            ),
-            "max_oracle_difference": (
-                (),
-                _oracle_difference(ground, body, torch.cat(list(postures.values()))),
-                {"long_name": "largest difference of the truth from Pinocchio's", "units": "m/rad"},
-            ),
-        },
-        {
-            "probe": list(ground.probes),
-            "posture": np.arange(max(map(len, postures.values()))),
-            "direction": np.arange(body.p),
-        },
+def _simulated(block: Block, body: Embodiment, motion: Table, seeds: list[int]) -> list[xr.Dataset]:
+    simulation = from_settings(
+        Simulation, {key: block.simulation[key] for key in ("dynamics", "noise")} | {"training": None}
+    )
+    spec = MOTION.build(motion, Path(block.folder), body)
+    try:
+        return _simulated_once(body, spec, tuple(seeds), simulation.dynamics, simulation.noise)
+    except TypeError as problem:
+        if "unhashable" not in str(problem):
+            raise
+        return simulate_many(body, spec, seeds, dynamics=simulation.dynamics, noise=simulation.noise, threads=1)
+
+
+# Entries that share a stream share recordings, such as the touches of several trainings.
+@lru_cache(maxsize=8)
+def _simulated_once(
+    body: Embodiment, motion: Any, seeds: tuple[int, ...], dynamics: Any, noise: Any
+) -> list[xr.Dataset]:
+    return simulate_many(body, motion, list(seeds), dynamics=dynamics, noise=noise, threads=1)
+
+
+def _one_recording(trials: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Several recordings as trials of one, the shorter ones padded."""
+    if len(trials) == 1:
+        return trials[0]
+    first = 0
+    numbered = []
+    for one in trials:
+        numbered.append(one.assign_coords(trial=np.arange(first, first + one.sizes["trial"])))
+        first += one.sizes["trial"]
+    fill = {name: _UNFELT.get(one.dtype.kind, "") for name, one in trials[0].data_vars.items()}
+    return xr.concat(
+        numbered, "trial", data_vars="minimal", coords="minimal", compat="override", join="outer", fill_value=fill,
+        combine_attrs="override",
+    )  # fmt: skip
+
+
+def _context(
+    block: Block,
+    body: Embodiment | None,
+    recordings: Mapping[str, Sequence[xr.Dataset]],
+    index: int,
+    row: Row,
+    known: Mapping[str, Any],
+) -> Context:
+    """What the scores of one seed are functions of; on copies of its recordings, which nobody else sees changed."""
+    settings, seed, folder = block.settings, block.seeds[index], Path(block.folder)
+    count = settings["first_maps"] if row.first_maps is None else row.first_maps
+    count = int(count.get(str(seed), 1)) if isinstance(count, Mapping) else int(count)
+    with_maps = need_maps(settings["scores"], folder)
+    seen, use, tour = (recordings[role][index].copy(deep=True) if role in recordings else None for role in ROLES)
+    assert seen is not None
+    return Context(
+        body,
+        seen,
+        use,
+        tour,
+        probes={name: built_probe(table) for name, table in settings["probes"].items()},
+        row=row,
+        simulation=_simulation(block),
+        map_seeds=block.seeds_of("first maps", seed, 1 + count) if with_maps else (),
+        map_settings=settings["maps"],
+        cut=settings["excitation_cut"],
+        of=settings["metric_of"],
+        known=known,
     )
 
 
-def _oracle_difference(ground: Ground, body: Embodiment, q: torch.Tensor) -> float:
-    if ground.body.get("backend") == "pinocchio":
-        return 0.0
-    oracle = _load(ground.body["embodiment"], "pinocchio", ground.sha256)
-    sample = q[:: max(1, len(q) // _ORACLE_SAMPLE)]
-    with torch.no_grad():
-        return float((body.hand_image_jacobian(sample) - oracle.hand_image_jacobian(sample)).abs().max())
+def _simulation(block: Block) -> Simulation:
+    """How the recordings came about; what was given stands as the hash of it."""
+    folder, parts = Path(block.folder), dict(block.simulation)
+    for role in ROLES:
+        one = parts.get(role)
+        if isinstance(one, list):
+            parts[role] = tuple(MOTION.build(motion, folder) for motion in one)
+        elif isinstance(one, Mapping) and "recording" not in one:
+            parts[role] = MOTION.build(one, folder)
+    return from_settings(Simulation, parts, folder)
 
 
-def _fit(ground: Ground, scene: Scene, name: str, spec: Any) -> list[Any]:
-    """What the estimator learns from each recording of the block."""
-    experiences = [experience(recording) for recording in scene.recordings["training"]]
-    seeds = [
-        stream(ground.entropy, f"{ground.embodiment}/{ground.recording}/{seed}/{name}")[0] for seed in ground.seeds
-    ]
-    return fit_all(spec, experiences, seeds)
+def _fit(block: Block, name: str, row: Row, body: Embodiment | None, contexts: Sequence[Context]) -> None:
+    """Lets the estimator learn from each recording of the block."""
+    if row.estimator is None:
+        return
+    folder, begin = Path(block.folder), time.thread_time()
+    seeds = [block.seeds_of(row.stream or name, seed, 1)[0] for seed in block.seeds]
+    experiences = [experience(context.seen.copy(deep=True)) for context in contexts]
+    told = [{key: _told(context, fact, folder) for key, fact in row.told.items()} for context in contexts]
+    specs = [ESTIMATOR.build(row.estimator, folder, body, one) for one in (told if row.told else [{}])]
+    if row.told:
+        learned = [spec.fit(exp, seed) for spec, exp, seed in zip(specs, experiences, seeds, strict=True)]
+    else:
+        learned = fit_all(specs[0], experiences, seeds)
+    seconds = (time.thread_time() - begin) / len(seeds)
+    for index, context in enumerate(contexts):
+        context.learned, context.seed, context.seconds = learned[index], seeds[index], seconds
+        context.estimator = specs[index if row.told else 0]
 
 
-def _dataset(ground: Ground, values: Mapping[str, Any], keep: Sequence[str], failure: str = "") -> xr.Dataset:
-    """Scores of one seed, labelled."""
-    variables = {
-        score: xr.Variable(SCORES[score].dims, values[score], SCORES[score].attributes)
-        for score in keep
-        if score in values
-    }
-    coords: dict[str, Any] = {"probe": list(ground.probes), "part": list(PARTS), "cause": list(CAUSES), "axis": _AXES}
-    used = {dim for variable in variables.values() for dim in variable.dims}
-    coords = {dim: values for dim, values in coords.items() if dim in used}
-    if "posture" in used:
-        # With labels, seeds of unlike numbers of postures can be put side by side.
-        coords["posture"] = np.arange(next(v.sizes["posture"] for v in variables.values() if "posture" in v.dims))
-    return xr.Dataset({**variables, "failure": ((), failure)}, coords)
+def _told(context: Context, fact: str, folder: Path) -> Any:
+    """A fact as a setting: a number, or an array."""
+    value = context.known[fact] if fact in context.known else resolve(fact, folder).of(context)
+    return float(value) if np.ndim(value) == 0 else np.asarray(value)
 
 
-def _nothing(ground: Ground, keep: Sequence[str], failure: str) -> xr.Dataset:
-    """What a seed that failed leaves: NaN for every score."""
-    sizes = {"probe": len(ground.probes), "part": len(PARTS), "cause": len(CAUSES), "axis": len(_AXES), "posture": 0}
-    values = {
-        score: np.full([sizes[dim] for dim in SCORES[score].dims], np.nan)
-        for score in keep
-        if ground.per_posture or SCORES[score].optional or "posture" not in SCORES[score].dims
-    }
-    return _dataset(ground, values, keep, failure)
+def _part(
+    block: Block,
+    identity: Table,
+    asked: Sequence[Score],
+    found: Sequence[tuple[dict[str, Any], dict[str, str]] | None],
+    failures: Sequence[str] = (),
+    axis: Any = None,
+) -> Part:
+    """What was found of each seed, as a file holds it."""
+    arrays, variables, labels = {}, {}, {"probe": list(block.settings["probes"])}
+    if axis is not None:
+        labels["axis"] = [str(one) for one in axis.values]
+    for score in asked:
+        values = [one[0].get(score.name) if one is not None else None for one in found]
+        if any(value is not None for value in values):
+            arrays[score.name] = padded(values)
+            variables[score.name] = [list(score.dims), score.attributes]
+            labels |= {dim: list(names) for dim, names in (score.labels or {}).items()}
+    lacking = {key: why for one in found if one is not None for key, why in one[1].items()}
+    notes = {"variables": variables, "labels": labels, "left_out": lacking, "versions": _versions()}
+    return Part(identity, arrays, notes | {"failures": list(failures)})

@@ -1,34 +1,89 @@
 """Who works off the cells: this process, a pool of processes, or a Dask cluster, all as ``concurrent.futures``.
 
-A cell that outlives its time limit fails alone. The pool kills its process and starts another. In this process and on
-Dask nothing can be killed: the cell is given up, its thread runs on without anybody waiting for it, and ends with its
-process.
+In the pool and on Dask a task runs in a *child*, a process that can be killed without harm to anything else: a crash, a
+kill or a time limit costs that task alone. What a task prints goes to its log. Children end with the process that began
+them, however that ended.
+
+Pebble 5.2.3 was tried for the children, and cannot keep three of their promises: that the time limit begins when a task
+is prepared (its embodiment loaded; Pebble's begins before), that a killed child is replaced at once (there, after four
+seconds), and that a script needs no ``if __name__ == "__main__":`` (there it ends in ``BrokenProcessPool``).
 """
 
 from __future__ import annotations
 
-import multiprocessing
+import contextlib
+import io
 import os
 import queue
-import signal
+import subprocess
+import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any, cast
 
+from bodyimage_kin._checks import number, whole
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, MissingDependency
 
 
 class TimeLimitExceeded(Exception):
-    """A cell took longer than the study allows."""
+    """A task took longer than it may."""
 
 
 class WorkerDied(Exception):
-    """The process of a cell ended: a crash, or no memory left."""
+    """The process of a task ended: a crash, or no memory left."""
+
+
+class NoWorker(BodyImageKinError):
+    """No process can be started here; nothing a task is to blame for."""
+
+
+class ExecutorLost(BodyImageKinError):
+    """Whoever worked is gone, again and again; nothing a task is to blame for."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """Something to do, as it travels.
+
+    Attributes:
+        work: A function that processes can import; called with the arguments.
+        arguments: What it is called with.
+        prepare: Called with the first argument before the time begins to run.
+        limit: Time that the work may take [s]; None: any.
+        log: File for all that it prints; None: nowhere.
+    """
+
+    work: Callable[..., Any]
+    arguments: tuple[Any, ...] = ()
+    prepare: Callable[[Any], Any] | None = None
+    limit: float | None = None
+    log: str | None = None
+
+
+def submit(executor: Executor, call: Call) -> Future[Any]:
+    """Hands out a call. What comes back may raise :class:`TimeLimitExceeded` or :class:`WorkerDied`.
+
+    Where nothing can be killed, in this process and on executors of others, a call is given up once its time is over.
+    """
+    if isinstance(executor, KillablePool):
+        return executor.hand_out(call)
+    if type(executor).__module__.partition(".")[0] == "distributed":
+        return executor.submit(in_child, call)
+    if isinstance(executor, InProcess):
+        with _prints_to(call.log):
+            return executor.submit(here, call)
+    return executor.submit(here, call)
+
+
+def was_lost(problem: BaseException) -> bool:
+    """Whether an error means that whoever worked is gone, for no fault of the task."""
+    return isinstance(problem, CancelledError) or type(problem).__module__.partition(".")[0] in ("distributed", "dask")
 
 
 class InProcess(Executor):
@@ -47,38 +102,29 @@ class InProcess(Executor):
 class KillablePool(Executor):
     """Processes, each of which can be killed without harm to the others.
 
-    The standard pool breaks as a whole when one of its processes dies, and cannot be told to give up a task.
-
     Args:
         workers: Number of processes; None: one a processor.
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        count = (os.cpu_count() or 1) if workers is None else workers
-        if count < 1:
-            raise InvalidConfig(f"workers={workers!r}: give a whole number of at least 1")
-        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        count = (os.cpu_count() or 1) if workers is None else whole("workers", workers, least=1)
+        self._jobs: queue.SimpleQueue[tuple[Future[Any], Call] | None] = queue.SimpleQueue()
+        self._children: set[_Child] = set()
         self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(count)]
         for thread in self._threads:
             thread.start()
 
     def submit(self, work: Callable[..., Any], /, *arguments: Any, **keywords: Any) -> Future[Any]:
         """Without a time limit. See :meth:`concurrent.futures.Executor.submit`."""
-        return self.submit_within(None, None, work, *arguments, **keywords)
+        if keywords:
+            raise TypeError("a pool of ours takes arguments by position alone")
+        return self.hand_out(Call(work, arguments))
 
-    def submit_within(
-        self,
-        limit: float | None,
-        prepare: Callable[[Any], Any] | None,
-        work: Callable[..., Any],
-        /,
-        *arguments: Any,
-        **keywords: Any,
-    ) -> Future[Any]:
-        """As :meth:`submit`; once ``prepare(first argument)`` is done, the process has ``limit`` seconds to live."""
-        job = _Job(Future(), limit, prepare, work, arguments, keywords)
-        self._jobs.put(job)
-        return job.future
+    def hand_out(self, call: Call) -> Future[Any]:
+        """A call that begins as soon as a process is free."""
+        future: Future[Any] = Future()
+        self._jobs.put((future, call))
+        return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Ends the processes once they are done. See :meth:`concurrent.futures.Executor.shutdown`."""
@@ -88,27 +134,38 @@ class KillablePool(Executor):
             except queue.Empty:
                 break
             if job is not None:
-                job.future.cancel()
+                job[0].cancel()
         for _ in self._threads:
             self._jobs.put(None)
         for thread in self._threads if wait else ():
             thread.join()
 
+    def kill(self) -> None:
+        """Ends everything at once, whatever is at work."""
+        self.shutdown(wait=False, cancel_futures=True)
+        for child in list(self._children):
+            child.kill()
+
     def _serve(self) -> None:
-        """One thread's life: it has a process, hands it jobs, and replaces it when it dies."""
-        worker: _Worker | None = None
+        """One thread's life: it has a child, hands it jobs, and replaces it when it dies."""
+        child: _Child | None = None
         while (job := self._jobs.get()) is not None:
-            if not job.future.set_running_or_notify_cancel():
+            future, call = job
+            if not future.set_running_or_notify_cancel():
                 continue
             try:
-                worker = worker or _Worker()
-                job.future.set_result(worker.call(job))
+                if child is None:
+                    child = _Child()
+                    self._children.add(child)
+                future.set_result(child.call(call))
             except Exception as problem:
-                job.future.set_exception(problem)
-                if worker is not None and not worker.alive:
-                    worker = None
-        if worker is not None:
-            worker.end()
+                future.set_exception(problem)
+                if child is not None and not child.alive:
+                    self._children.discard(child)
+                    child = None
+        if child is not None:
+            self._children.discard(child)
+            child.end()
 
 
 @contextmanager
@@ -138,7 +195,7 @@ def executor(chosen: Any = None, workers: int | None = None) -> Iterator[Executo
         try:
             yield pool
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.kill()
             raise
         pool.shutdown()
     else:
@@ -147,151 +204,135 @@ def executor(chosen: Any = None, workers: int | None = None) -> Iterator[Executo
         )
 
 
-def submit(
-    executor: Executor,
-    limit: float | None,
-    prepare: Callable[[Any], Any] | None,
-    work: Callable[..., Any],
-    *arguments: Any,
-) -> Future[Any]:
-    """Hands out work that may take ``limit`` seconds; the future then raises :class:`TimeLimitExceeded`.
-
-    Args:
-        executor: Who works.
-        limit: [s]; None: any time.
-        prepare: Called with the first argument before the time begins to run.
-        work: Called with all arguments.
-        arguments: What it is called with.
-    """
-    if isinstance(executor, KillablePool):
-        return executor.submit_within(limit, prepare, work, *arguments)
-    return executor.submit(within, limit, prepare, work, *arguments)
-
-
-def within(limit: float | None, prepare: Callable[[Any], Any] | None, work: Callable[..., Any], *arguments: Any) -> Any:
-    """Calls, and gives up after ``limit`` seconds. See :func:`submit`.
+def here(call: Call) -> Any:
+    """Does a call in this thread, or gives it up after its time. See :func:`submit`.
 
     Raises:
-        TimeLimitExceeded: It took longer. The thread that works is left behind.
+        TimeLimitExceeded: It took longer. The thread that works is left behind, and ends with its process.
     """
-    if prepare is not None:
-        prepare(arguments[0])
-    if limit is None:
-        return work(*arguments)
+    if call.prepare is not None:
+        call.prepare(call.arguments[0])
+    if call.limit is None:
+        return call.work(*call.arguments)
     future: Future[Any] = Future()
 
-    def call() -> None:
+    def work() -> None:
         try:
-            future.set_result(work(*arguments))
+            future.set_result(call.work(*call.arguments))
         except BaseException as problem:
             future.set_exception(problem)
 
-    threading.Thread(target=call, daemon=True).start()
+    threading.Thread(target=work, daemon=True).start()
     try:
-        return future.result(limit)
+        return future.result(number("limit", call.limit, above=0.0))
     except TimeoutError:
         if future.done():
             raise
-        raise TimeLimitExceeded(_too_long(limit)) from None
+        raise TimeLimitExceeded(_too_long(call.limit)) from None
+
+
+def in_child(call: Call) -> Any:
+    """Does a call in a child of this thread's own; what a worker of Dask does."""
+    child: _Child | None = getattr(_OWN, "child", None)
+    if child is None or not child.alive:
+        child = _OWN.child = _Child()
+    return child.call(call)
 
 
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """Something to do, and what is waiting for it."""
-
-    future: Future[Any]
-    limit: float | None
-    prepare: Callable[[Any], Any] | None
-    work: Callable[..., Any]
-    arguments: tuple[Any, ...]
-    keywords: dict[str, Any]
+_OWN = threading.local()
+"""The child of each thread that works for Dask."""
 
 
-class _Worker:
-    """A process that does one job after the other."""
+class _Child:
+    """A process that does one call after the other (:mod:`bodyimage_kin.study.child`)."""
 
     def __init__(self) -> None:
-        # Forked children would inherit torch's threads in whatever state they are.
-        context = multiprocessing.get_context("spawn")
-        self._pipe: Connection
-        self._pipe, theirs = context.Pipe()
-        self._process: BaseProcess = context.Process(target=_work, args=(theirs,), daemon=True)
-        try:
-            # A script that starts workers as it is imported starts them in each worker again, which Python refuses.
-            self._process.start()
-            theirs.close()
-            self._pipe.recv()
-        except (EOFError, OSError, RuntimeError, AssertionError) as problem:
-            raise NoWorker(
-                f"a worker could not start ({type(problem).__name__}); in a script, what runs a study belongs under "
-                "`if __name__ == '__main__':`"
-            ) from None
-        self.alive = True
+        # Begun anew, not forked: a fork would inherit torch's threads in whatever state they are.
+        paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
+        ours, self._lifeline = os.pipe()
+        with tempfile.TemporaryFile() as said:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "bodyimage_kin.study.child", str(ours)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=said,
+                pass_fds=[ours],
+                env={**os.environ, "PYTHONPATH": paths},
+            )
+            os.close(ours)
+            assert self._process.stdin is not None
+            assert self._process.stdout is not None
+            self._calls = Connection(os.dup(self._process.stdin.fileno()), readable=False)
+            self._answers = Connection(os.dup(self._process.stdout.fileno()), writable=False)
+            self._process.stdin.close()
+            self._process.stdout.close()
+            self.alive = True
+            try:
+                self._answers.recv()
+            except (EOFError, OSError) as problem:
+                self.kill()
+                said.seek(0)
+                last = said.read().decode(errors="replace").strip().splitlines()[-1:] or [type(problem).__name__]
+                raise NoWorker(f"a worker could not start: {last[0]}") from None
 
-    def call(self, job: _Job) -> Any:
+    def call(self, call: Call) -> Any:
+        """What comes of it, or what went wrong."""
         try:
-            self._pipe.send((job.prepare, job.work, job.arguments, job.keywords))
-            done, value = self._pipe.recv()
+            self._calls.send(call)
+            done, value = self._answers.recv()
             if done:
-                if not self._pipe.poll(job.limit):
-                    self._kill()
-                    raise TimeLimitExceeded(_too_long(job.limit or 0.0))
-                done, value = self._pipe.recv()
-        except (EOFError, ConnectionError):
-            self._process.join(5)
-            code = self._process.exitcode
-            self._kill()
+                if not self._answers.poll(call.limit):
+                    self.kill()
+                    raise TimeLimitExceeded(_too_long(call.limit or 0.0))
+                done, value = self._answers.recv()
+        except (EOFError, OSError):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(5)
+            code = self._process.returncode
+            self.kill()
             raise WorkerDied(f"the process ended with status {code}: a crash, or no memory left") from None
         if done:
             return value
         raise value
 
     def end(self) -> None:
-        self._pipe.close()
-        self._process.join(5)
-        self._kill()
+        """Lets it finish."""
+        self._calls.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(5)
+        self.kill()
 
-    def _kill(self) -> None:
-        self.alive = False
-        self._process.kill()
-        self._process.join()
+    def __del__(self) -> None:
+        # A thread that works for Dask ends without a word.
+        self.kill()
+
+    def kill(self) -> None:
+        """Ends it at once."""
+        if getattr(self, "alive", False):
+            self.alive = False
+            self._process.kill()
+            self._process.wait()
+            for pipe in (self._calls, self._answers):
+                pipe.close()
+            os.close(self._lifeline)
 
 
-class NoWorker(BodyImageKinError):
-    """No process can be started here; nothing a cell is to blame for."""
-
-
-def _work(pipe: Connection) -> None:
-    """What a process of the pool does until its pipe is closed."""
-    # An interrupt from the terminal reaches every process; the one that began the study decides what follows.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # What cells need is loaded before the first limit runs.
-    import bodyimage_kin.study.cells  # noqa: F401
-
-    pipe.send("ready")
-    while True:
+@contextmanager
+def _prints_to(log: str | None) -> Iterator[None]:
+    """All that Python prints in this thread's process goes to a file meanwhile; nowhere without one."""
+    with io.StringIO() as said:
         try:
-            prepare, work, arguments, keywords = pipe.recv()
-        except EOFError:
-            return
-        except Exception as problem:
-            pipe.send((False, RuntimeError(f"cannot read the work: {problem}")))
-            continue
-        try:
-            if prepare is not None:
-                prepare(arguments[0])
-            pipe.send((True, None))
-            answer = (True, work(*arguments, **keywords))
-        except Exception as problem:
-            # Said in words: not every error can travel between processes.
-            answer = (False, RuntimeError(f"{type(problem).__name__}: {problem}"))
-        try:
-            pipe.send(answer)
-        except (TypeError, AttributeError, ValueError) as problem:
-            pipe.send((False, RuntimeError(f"what it returned cannot be sent: {problem}")))
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+                yield
+        finally:
+            if log is not None and not said.closed and said.getvalue():
+                with contextlib.suppress(OSError):
+                    Path(log).parent.mkdir(parents=True, exist_ok=True)
+                    with Path(log).open("a", encoding="utf-8", errors="backslashreplace") as file:
+                        file.write(said.getvalue())
 
 
 def _too_long(limit: float) -> str:

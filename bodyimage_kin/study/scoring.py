@@ -1,196 +1,238 @@
-"""Every score of one learned Jacobian on one recording: at the probes, on the tour, and of the maps it leads to."""
+"""Scores by name, and every score of one learned Jacobian by the very functions that the cells of a study use."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import json
+import sys
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 import xarray as xr
-from jaxtyping import Float
 
-from bodyimage_kin import metrics
+from bodyimage_kin._checks import choice, whole
+from bodyimage_kin._named import named_object
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.body_image import integrate
-from bodyimage_kin.metrics import probes
-from bodyimage_kin.recordings import experience
-from bodyimage_kin.study import maps
-from bodyimage_kin.study.scores import CAUSES, PARTS, SCORES
-from bodyimage_kin.study.specs import Table, build_probe
+from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.metrics import probes as probe_specs
+from bodyimage_kin.recordings import check
+from bodyimage_kin.study.context import Context, Score
+from bodyimage_kin.study.facts import FACTS
+from bodyimage_kin.study.grid import stream
+from bodyimage_kin.study.scores import SCORES
+from bodyimage_kin.study.specs import PROBE, plain_name, snake
 
-_CHUNK = 5000
-"""Postures at which Jacobians are asked for at once: bounds the memory of wide probes."""
-
-
-_LARGEST = 1e150
-"""Beyond it a square is not finite, nor is any score."""
-
-
-class WrongResult(Exception):
-    """What an estimator returned is no learned Jacobian of finite values."""
+PROBES: Mapping[str, probe_specs.Probe] = {
+    "training": probe_specs.Training(),
+    "in_front": probe_specs.Face(distance=0.03),
+    "on_face": probe_specs.Face(),
+    "joint_space": probe_specs.JointSpace(),
+}
+"""Posture sets that leave what was seen step by step."""
 
 
 def score(
-    body: Embodiment,
-    recordings: Mapping[str, xr.Dataset],
-    facts: xr.Dataset,
     learned: Any,
-    tables: Mapping[str, Table],
+    body: Embodiment | None,
+    seen: xr.Dataset,
+    use: xr.Dataset | None = None,
+    probes: Sequence[Any] | Mapping[str, Any] | None = None,
     *,
-    excitation_cut: float,
-    per_posture: bool,
-    map_seeds: Sequence[int],
-    keep: Collection[str],
-) -> dict[str, Any]:
-    """Every score of one learned Jacobian, without the dimension ``seed``.
+    tour: xr.Dataset | None = None,
+    scores: Sequence[str | Score] | None = None,
+    first_maps: int = 1,
+    seed: int = 0,
+    excitation_cut: float = 0.1,
+    metric_of: str = "felt",
+) -> xr.Dataset:
+    """Scores of a learned Jacobian.
 
     Args:
-        body: The embodiment.
-        recordings: Role -> recording: ``"training"``, ``"tour"``, and ``"touch"`` where there are maps to learn.
-        facts: What the recordings say by themselves.
-        learned: The learned Jacobian.
-        tables: Of the probes, by name.
-        excitation_cut: A direction counts as excited from this on.
-        per_posture: Whether scores of each posture are wanted.
-        map_seeds: Of the first maps; none: no maps are learned.
-        keep: Names of the scores that are wanted; of those that take their time, no other is computed.
+        learned: Anything with ``displacement(q, dq)`` and ``jacobian(q)`` (:class:`bodyimage_kin.estimators.Learned`).
+        body: Whose truth it is held against; None: it is not known, and only what needs no truth is scored.
+        seen: The recording that was learned from.
+        use: The motion that the Jacobian is used for: its metric counts in ``relative_error_use``. None: that of
+            ``seen``, and errors are not split into excited and unexcited ones.
+        probes: Where Jacobians are held against each other: probes, their names, or name -> probe. None:
+            :data:`PROBES`; without a skin those of them that need none.
+        tour: A recording with the truth, for scores of displacements and paths.
+        scores: Names, or scores of one's own; None: all that take little time.
+        first_maps: Initial weights that maps are tried with, where scores of maps are asked for.
+        seed: Of these.
+        excitation_cut: A direction counts as excited when training moves along it this much of what use does.
+        metric_of: ``"felt"`` or ``"true"``: whose motion the metric and the excitation are of.
+
+    Returns:
+        One variable a score, over ``probe``, ``part``, ``axis``, ``posture`` ... as it has them: ``relative_error`` in
+        the identity metric, ``relative_error_use`` in the motion's. The attribute ``left_out`` says, as JSON, what was
+        not scored and what it lacks.
 
     Raises:
-        WrongResult: Answers of another shape, or that are not finite, or too large to be scored.
+        InvalidRecording: Not a recording.
+        InvalidConfig: A probe or a score that is none.
+        UnknownName: Another name.
+        WrongResult: What was learned answers in other shapes, or not in finite numbers.
     """
-    training, tour, touch = recordings["training"], recordings["tour"], recordings.get("touch")
-    found = _on_tour(body, tour, learned)
-    if "trajectory_split" in keep:
-        found["trajectory_split"] = _split(tour, learned)
-    if map_seeds and touch is not None:
-        hand = _integrated("touching", touch, learned)
-        found["touch_trajectory_rmse"] = metrics.trajectory_rmse(touch["true_hand_image"].values, hand.values)
-        found |= maps.scores(body, training, touch, hand, facts, map_seeds)
-    W = facts["metric"].values
-    seen = metrics.Excitation(facts["excitation"].values, facts["excited_motion"].values, W, "true", excitation_cut)
-    rows: dict[str, list[Any]] = {}
-    for probe, table in tables.items():
-        q = probes.probe_postures(build_probe(table), body, training)
-        with torch.no_grad():
-            J = _in_chunks("true jacobian", body.hand_image_jacobian, q, body.m)
-        Jh = _in_chunks(f"jacobian at probe '{probe}'", learned.jacobian, q, body.m)
-        for name, value in _at_probe(J, Jh, W, seen.projector(), per_posture).items():
-            rows.setdefault(name, []).append(value)
-        if "basin_by_posture" in keep:
-            on_face = "face" in tables[probe]
-            rows.setdefault("basin_by_posture", []).append(_basin(body, q, learned) if on_face else np.empty(0))
-    for name, values in rows.items():
-        found[name] = probes.by_posture(values) if "posture" in SCORES[name].dims else np.array(values)
+    named = _named_probes(probes, body)
+    names = default_scores() if scores is None else scores
+    asked = [one for one in map(resolve, names) if one.name != "fit_seconds"]
+    count = 1 + whole("first_maps", first_maps, least=1)
+    context = Context(
+        body,
+        check(seen),
+        use if use is None else check(use),
+        tour if tour is None else check(tour),
+        learned,
+        named,
+        map_seeds=stream(whole("seed", seed, least=0), "first maps", count),
+        cut=excitation_cut,
+        of=choice("metric_of", metric_of, ("felt", "true")),  # type: ignore[arg-type]
+    )
+    found, lacking = computed(context, asked)
+    labels: dict[str, Any] = {"probe": list(named)}
+    if "axis" in seen.coords:
+        labels["axis"] = seen["axis"].values
+    variables = {}
+    for one in asked:
+        if one.name in found:
+            variables[one.name] = (one.dims, found[one.name], one.attributes)
+            labels |= {dim: list(values) for dim, values in (one.labels or {}).items()}
+    used = {dim for dims, _, _ in variables.values() for dim in dims}
+    return xr.Dataset(
+        variables,
+        {dim: values for dim, values in labels.items() if dim in used},
+        {
+            "motion_metric": f"{metric_of} motion of {'what was seen' if use is None else 'use'}",
+            "left_out": json.dumps(lacking),
+        },
+    )
+
+
+# By name -------------------------------------------------------------------------------------------------------------
+
+
+def resolve(asked: str | Score, folder: Path = Path()) -> Score:
+    """The score or fact of a name.
+
+    Args:
+        asked: The object itself, a name of :data:`SCORES` or :data:`FACTS`, or ``"package.module:NAME"``.
+        folder: Where a module may lie beside where Python looks.
+
+    Raises:
+        UnknownName: None of ours.
+        InvalidConfig: Something that is no score.
+    """
+    if isinstance(asked, Score):
+        return asked
+    if not isinstance(asked, str):
+        raise InvalidConfig(f"score {asked!r}: give its name, or a bk.study.Score")
+    known = {**SCORES, **FACTS}
+    if asked in known:
+        return known[asked]
+    if ":" not in asked:
+        raise UnknownName("score", asked[:100], (*known, "package.module:NAME"))
+    found = named_object("score", asked, folder)
+    if not isinstance(found, Score):
+        raise InvalidConfig(f"score {asked!r} is {type(found).__name__}; give a bk.study.Score")
     return found
 
 
-# Inner ---------------------------------------------------------------------------------------------------------------
+def written_score(asked: str | Score, folder: Path = Path()) -> str:
+    """How a score is named in a study's file: ours by name, any other as ``package.module:NAME``.
+
+    Raises:
+        UnknownName: None of ours.
+        InvalidConfig: Something that is no score, or one that workers cannot find.
+    """
+    found = resolve(asked, folder)
+    if isinstance(asked, str) or {**SCORES, **FACTS}.get(found.name) is found:
+        return asked if isinstance(asked, str) else found.name
+    module = sys.modules.get(found.of.__module__)
+    names = [name for name, value in vars(module).items() if value is found] if module is not None else []
+    if not names or found.of.__module__ == "__main__":
+        raise InvalidConfig(
+            f"score '{found.name}' cannot be found by workers; keep it at the top of its function's module"
+        )
+    return f"{found.of.__module__}:{names[0]}"
 
 
-def _at_probe(
-    J: Float[np.ndarray, "postures m p"],
-    Jh: Float[np.ndarray, "postures m p"],
-    W: Float[np.ndarray, "p p"],
-    P: Float[np.ndarray, "p p"],
-    per_posture: bool,
-) -> dict[str, Any]:
-    parts = metrics.attribute(J, Jh, W, P)
-    found: dict[str, Any] = {
-        "relative_error": metrics.pooled_relative_error(J, Jh, "identity"),
-        "relative_error_use": metrics.pooled_relative_error(J, Jh, W),
-        "scale_free_error": metrics.pooled_scale_free_error(J, Jh, W),
-        "attribution": [getattr(parts, part) for part in PARTS],
-        "scale": parts.best_scale,
-    }
-    if per_posture:
-        found["relative_error_by_posture"] = metrics.relative_error(J, Jh, W)
-        found["scale_free_error_by_posture"] = metrics.scale_free_error(J, Jh, W)
-        found["critical_gain_by_posture"] = metrics.critical_gain(metrics.servo_matrix(J, Jh))
-        size = np.einsum("nij,jk,nik->n", J, W, J).mean()
-        residual = parts.best_scale * Jh - J
-        residual = residual - residual.mean(0)
-        found["scale_by_posture"] = (1 - parts.best_scale) ** 2 * np.einsum("nij,jk,nik->n", Jh, W, Jh) / size
-        found["variation_by_posture"] = np.einsum("nij,jk,nik->n", residual, W, residual) / size
+def computed(context: Context, scores: Sequence[Score]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Scores of a context by name, and of those that are left out what they lack.
+
+    Raises:
+        InvalidConfig: A score of other dimensions than it says.
+    """
+    found: dict[str, Any] = {}
+    lacking: dict[str, str] = {}
+    for score in scores:
+        if missing := [need for need in score.needs if need not in context.has]:
+            lacking[score.name] = f"there is no {' and no '.join(one.replace('_', ' ') for one in missing)}"
+            continue
+        value = np.asarray(score.of(context))
+        value = value if value.dtype.kind == "U" else value.astype(np.float64)
+        if value.ndim != len(score.dims):
+            raise InvalidConfig(f"score '{score.name}' has {value.ndim} dimensions, but says {score.dims}")
+        found[score.name] = value
+    return found, lacking
+
+
+def _default(known: Mapping[str, Score], per_posture: bool) -> tuple[str, ...]:
+    kept = (one for one in known.values() if not one.optional and (per_posture or "posture" not in one.dims))
+    return tuple(one.name for one in kept)
+
+
+def default_scores(per_posture: bool = False) -> tuple[str, ...]:
+    """Names of the scores that a study keeps unless it says otherwise."""
+    return _default(SCORES, per_posture)
+
+
+def default_facts(per_posture: bool = False, with_maps: bool = False) -> tuple[str, ...]:
+    """Names of the facts that a study keeps unless it says otherwise."""
+    of_maps = [name for name in FACTS if name.startswith("direct_map_")] if with_maps else []
+    return (*_default(FACTS, per_posture), *of_maps)
+
+
+def need_maps(names: Collection[str | Score], folder: Path = Path()) -> bool:
+    """Whether maps are to be learned for any of these scores."""
+    return any("maps" in resolve(name, folder).needs for name in names)
+
+
+# Probes --------------------------------------------------------------------------------------------------------------
+
+
+def _named_probes(given: Sequence[Any] | Mapping[str, Any] | None, body: Embodiment | None) -> dict[str, Any]:
+    if given is None:
+        skin = body is not None and body.skin is not None
+        return {name: one for name, one in PROBES.items() if skin or not isinstance(one, probe_specs.Face)}
+    if isinstance(given, Mapping):
+        return {plain_name("probe", name): built_probe(one) for name, one in given.items()}
+    found: dict[str, Any] = {}
+    for one in given:
+        probe = built_probe(one)
+        name = one if isinstance(one, str) else probe_name(probe)
+        found[name if name not in found else f"{name}_{len(found)}"] = probe
     return found
 
 
-def _on_tour(body: Embodiment, tour: xr.Dataset, learned: Any) -> dict[str, Any]:
-    """Scores of the displacements on the tour, and of the path that they sum to."""
-    q, image = tour["true_q"].values, tour["true_hand_image"].values
-    there = np.isfinite(q[:, :-1]).all(-1) & np.isfinite(q[:, 1:]).all(-1)
-    before, dq = torch.from_numpy(q[:, :-1][there]), torch.from_numpy(np.diff(q, axis=1)[there])
-    with torch.no_grad():
-        linear = (body.hand_image_jacobian(before) @ dq[..., None])[..., 0].numpy()
-    foreseen = _checked("displacement on the tour", learned.displacement(before, dq), linear.shape)
-    path = _integrated("tour", tour, learned, reset="none", initial=image[:, 0]).values
-    velocity, estimated = np.diff(image, axis=1), np.diff(path, axis=1)
-    return {
-        "displacement_error": metrics.displacement_error(foreseen, linear),
-        "velocity_correlation": metrics.velocity_correlation(velocity, estimated),
-        "velocity_nrmse": metrics.velocity_nrmse(velocity, estimated),
-        "trajectory_rmse": metrics.trajectory_rmse(image, path),
-    }
+def built_probe(given: Any, folder: Path = Path()) -> Any:
+    """A probe from an object, a name of :data:`PROBES`, a class or a table.
+
+    Args:
+        given: Any of these.
+        folder: Where a module may lie beside where Python looks.
+
+    Raises:
+        InvalidConfig: None of these.
+        UnknownName: Another name.
+    """
+    if isinstance(given, str) and given not in PROBE.classes and ":" not in given:
+        if given not in PROBES:
+            raise UnknownName("probe", given[:100], (*PROBES, *PROBE.classes, "package.module:Class"))
+        return PROBES[given]
+    return PROBE.build(given, folder)
 
 
-def _split(tour: xr.Dataset, learned: Any) -> Float[np.ndarray, "cause"]:
-    """RMS of each part of the integrated tour's error [m]."""
-    rms = metrics.error_split(
-        tour["true_q"].values,
-        tour["true_hand_image"].values,
-        lambda q, dq: _floats(learned.displacement(torch.from_numpy(q), torch.from_numpy(dq))),
-        lambda q: _answers(learned.jacobian, q),
-    ).rms
-    return np.array([rms[cause] for cause in CAUSES])
-
-
-def _basin(body: Embodiment, goals: torch.Tensor, learned: Any) -> Float[np.ndarray, "postures"]:
-    """Distance on the screen from which a servo still converges to each posture's image [m]."""
-    return metrics.servo_basin(
-        lambda q: _answers(lambda part: body.hand_image(part, on_invisible="nan"), q),
-        lambda q: _answers(body.hand_image_jacobian, q),
-        lambda q: _answers(learned.jacobian, q),
-        goals.numpy(),
-        lower=body.felt_robot.lower.numpy(),
-        upper=body.felt_robot.upper.numpy(),
-    ).radius
-
-
-def _answers(of: Callable[..., Any], q: Float[np.ndarray, "postures p"]) -> Float[np.ndarray, "postures ..."]:
-    """What a function of postures says, asked for few of them at a time."""
-    return np.concatenate([_floats(of(part)) for part in torch.split(torch.from_numpy(q), _CHUNK)])
-
-
-def _integrated(what: str, recording: xr.Dataset, learned: Any, **settings: Any) -> xr.DataArray:
-    """The integrated hand image, once it is known to be finite wherever a posture was felt."""
-    felt = experience(recording)
-    with torch.no_grad():
-        path = integrate(felt, learned, **settings)
-    # Scores of a path leave out what is not finite: one that explodes would seem to be a good one.
-    there = np.isfinite(felt["q"].values).all(-1)
-    _checked(f"the integrated {what}", path.values[there], path.values[there].shape)
-    return path
-
-
-def _in_chunks(what: str, jacobian: Callable[..., Any], q: torch.Tensor, m: int) -> Float[np.ndarray, "postures m p"]:
-    """Jacobians at postures, few of them at a time."""
-    found = np.empty((len(q), m, q.shape[-1]))
-    for part, here in zip(np.split(found, range(_CHUNK, len(q), _CHUNK)), torch.split(q, _CHUNK), strict=True):
-        part[...] = _checked(what, jacobian(here), part.shape)
-    return found
-
-
-def _checked(what: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """What an estimator answers, once its shape and values are known to be right."""
-    values = _floats(value)
-    if values.shape != shape:
-        raise WrongResult(f"{what} has shape {values.shape}; it must be {shape}")
-    for problem, sound in (("not finite", np.isfinite(values)), ("too large to be scored", abs(values) < _LARGEST)):
-        wrong = int((~sound).reshape(len(values), -1).any(1).sum())
-        if wrong:
-            raise WrongResult(f"{what} is {problem} in {wrong} of {len(values)} postures")
-    return values
-
-
-def _floats(value: Any) -> Float[np.ndarray, "..."]:
-    return np.asarray(value.detach() if hasattr(value, "detach") else value, dtype=np.float64)
+def probe_name(probe: Any) -> str:
+    """What results call a probe that was given without a name."""
+    return next((name for name, one in PROBES.items() if one == probe), snake(type(probe).__name__))

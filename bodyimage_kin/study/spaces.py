@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.study.specs import Table, plain
+from bodyimage_kin.study.specs import Table, written
 
 _PENALTY_OR_OWN = {"choice": [None, {"log_uniform": [1e-11, 1.0]}]}
 """None: the estimator's own choice."""
@@ -100,7 +100,7 @@ def checked_space(what: str, space: Any) -> Table:
     """
     if not isinstance(space, Mapping):
         raise InvalidConfig(f"space of {what} is {space!r}; give {{SETTING: range}}")
-    found = {str(name): plain(f"space of {what}: {name}", span) for name, span in space.items()}
+    found = {str(name): written(f"space of {what}: {name}", span) for name, span in space.items()}
     for name, span in found.items():
         _check(f"space of {what}: {name}", span)
     return found

@@ -1,326 +1,407 @@
-"""What a study varies, as plain tables: one written form for every spec, the same in TOML, in results and on the wire.
+"""How specs are written down: frozen dataclasses as tables, the same in TOML, in results and on the wire.
 
-A table holds strings, numbers, booleans, lists and tables only. Every setting that has a default is written out, so
-that a result says all of how it came about.
+A table holds strings, numbers, booleans, lists and tables only. A spec is ``{CLASS: settings}``, the class one of ours
+by name or ``"package.module:Class"``; where a field can only be of one dataclass its settings stand alone. Every
+setting that has a default is written out, so that a result says all of how it came about.
+
+Only a module that a spec names is imported, from where Python looks, from beside the study's file, or from the current
+folder. What is named must be of the kind that is wanted before anything is built from it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from bodyimage_kin import estimators
-from bodyimage_kin._named import named_class
-from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin._checks import refuse
+from bodyimage_kin._named import named_class, named_object
+from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, UnknownName
 from bodyimage_kin.metrics import probes
-from bodyimage_kin.recordings import Drag, Noise, motions
+from bodyimage_kin.recordings import motions
 
 Table: TypeAlias = dict[str, Any]
 """Text -> what TOML can say."""
-
-MOTIONS: Mapping[str, type[motions.Motion]] = {
-    "circle": motions.Circle,
-    "face_tour": motions.FaceTour,
-    "random_touch": motions.RandomTouch,
-}
-"""What can be recorded, by name."""
-_BESIDE: Table = {"trials": 1, "dynamics": True, "encoder_noise": 0.0, "image_noise": 0.0, "drag": None}
-"""Settings that a motion's table has beside the motion's own."""
-_DRAG: Table = dataclasses.asdict(Drag()) | {"torque_variance": 0.0, "torque_hold": Noise().torque_hold}
-_SHARED = ("dynamics", "drag", "encoder_noise", "image_noise", "sampling", "rest_spread", "rest_pull", "speed")
-"""Settings that tour and touch take over from the motion that is learned from."""
-_TOUCH_DURATION = 80.0
-"""Time of touching [s]; by then the motion's metric has settled to a few per cent. Maps take ten times as long."""
 _NONE = "none"
-"""How a table says None where that is not what a motion does by default, as in ``reset_interval = "none"``."""
-PROBES: Mapping[str, Table] = {
-    "on_circle": {"training": {}},
-    "in_front": {"face": {"distance": 0.03}},
-    "on_face": {"face": {"distance": 0.0}},
-    "joint_space": {"joint_space": {"count": 441, "seed": 0}},
-}
-"""Posture sets that leave what was seen step by step."""
-_PROBE_SETTINGS: Mapping[str, Table] = {
-    "training": {},
-    "face": {"distance": 0.0},
-    "joint_space": {"count": 441, "seed": 0},
-}
+"""How a table says None where that is not the default, as in ``reset_interval = "none"``."""
+_LONGEST = 200
+_DEEPEST = 20
+"""Tables within tables: no spec of ours comes near it."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of spec: what may be named where it is wanted, and what a named class must be.
+
+    Attributes:
+        name: Of the kind, in errors.
+        classes: Ours, by name.
+        method: What every class of the kind has, ours or not.
+        wanted: What such a thing is, in words.
+        base: What it must be a subclass of; None: the method is enough.
+    """
+
+    name: str
+    classes: Mapping[str, type]
+    method: str
+    wanted: str
+    base: type = object
+
+    def fits(self, found: Any) -> bool:
+        """Whether this is a class of the kind."""
+        return isinstance(found, type) and issubclass(found, self.base) and callable(getattr(found, self.method, None))
+
+    def build(self, spec: Any, folder: Path = Path(), body: Any = None, told: Mapping[str, Any] | None = None) -> Any:
+        """The object that is meant.
+
+        Args:
+            spec: The object itself, its class, a name, or ``{NAME: settings}``.
+            folder: Where a module may lie beside where Python looks.
+            body: The embodiment, for a class that has a setting ``body``.
+            told: Settings that stand in no table.
+
+        Raises:
+            InvalidConfig: Another kind of thing, or settings that its class refuses.
+            UnknownName: No such class or setting.
+        """
+        if not isinstance(spec, str | type | Mapping):
+            return self._checked(spec)
+        name, settings = self.parts(spec)
+        cls = self.find(name, folder)
+        what = f"{self.name} {_short(name)}"
+        values = arguments(what, cls, settings, folder, body) | dict(told or {})
+        if "body" in _parameters(cls):
+            values["body"] = body
+        return self._checked(_made(what, cls, values))
+
+    def table(self, spec: Any, folder: Path = Path()) -> Table:
+        """``{NAME: settings}``, every setting written out; of a class that wants the embodiment, all but that.
+
+        Raises:
+            InvalidConfig: As :meth:`build`, or a class or a setting that cannot be written down.
+            UnknownName: As :meth:`build`.
+        """
+        if not isinstance(spec, str | type | Mapping):
+            return written(f"{self.name} {type(spec).__name__}", self._checked(spec))
+        name, settings = self.parts(spec)
+        cls = self.find(name, folder)
+        what = f"{self.name} {_short(name)}"
+        if not dataclasses.is_dataclass(cls):
+            arguments(what, cls, settings, folder, None)
+            return {name: {key: written(f"{what}: {key}", value) for key, value in settings.items()}}
+        if not self.wants_body(spec, folder):
+            return written(what, self.build(spec, folder))
+        # It cannot be built before there is a body, so the values of its settings are checked when there is one.
+        arguments(what, cls, settings, folder, None)
+        given = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING} | settings
+        return {name: {key: written(f"{what}: {key}", value) for key, value in given.items() if value is not None}}
+
+    def parts(self, spec: Any) -> tuple[str, Table]:
+        """Name and settings of a spec that is written down, or of a class."""
+        if isinstance(spec, type):
+            return class_name(spec), {}
+        if isinstance(spec, str):
+            return spec, {}
+        if not isinstance(spec, Mapping) or len(spec) != 1:
+            refuse(
+                self.name, spec, f"a name, or one name with its settings, such as {{{next(iter(self.classes))}: {{}}}}"
+            )
+        name, settings = next(iter(spec.items()))
+        if not isinstance(settings, Mapping):
+            refuse(f"{self.name} {_short(str(name))}", settings, "a table of settings")
+        return str(name), dict(settings)
+
+    def find(self, name: str, folder: Path = Path()) -> type:
+        """The class of that name, known to be of this kind; nothing is built.
+
+        Raises:
+            UnknownName: None of ours, and no ``package.module:Class``.
+            InvalidConfig: What cannot be imported, or is something else.
+        """
+        if ":" not in name:
+            if name not in self.classes:
+                raise UnknownName(self.name, _short(name), (*self.classes, "package.module:Class"))
+            return self.classes[name]
+        if len(name) > _LONGEST:
+            raise InvalidConfig(f"{self.name} {_short(name)!r}: a name has at most {_LONGEST} characters")
+        found = named_class(self.name, name, (self.method,), folder)
+        if not issubclass(found, self.base):
+            raise InvalidConfig(f"{self.name} {name!r} is none: give {self.wanted}")
+        return found
+
+    def wants_body(self, spec: Any, folder: Path = Path()) -> bool:
+        """Whether an estimator, or one within it, is to be given the embodiment."""
+        if isinstance(spec, str | type):
+            return "body" in _parameters(self.find(spec if isinstance(spec, str) else class_name(spec), folder))
+        return self._within_wants_body(spec, folder)
+
+    def _within_wants_body(self, spec: Any, folder: Path) -> bool:
+        """Likewise, of any setting: text in it is no name."""
+        if dataclasses.is_dataclass(spec) and not isinstance(spec, type):
+            return hasattr(spec, "body") or any(self._within_wants_body(item, folder) for item in vars(spec).values())
+        if isinstance(spec, list | tuple):
+            return any(self._within_wants_body(item, folder) for item in spec)
+        if not isinstance(spec, Mapping):
+            return False
+        classes = [self.find(name, folder) for name in spec if isinstance(name, str) and self._names(name)]
+        return any("body" in _parameters(cls) for cls in classes) or any(
+            self._within_wants_body(item, folder) for item in spec.values()
+        )
+
+    def _names(self, name: str) -> bool:
+        return name in self.classes or re.fullmatch(r"[\w.]+:[\w.]+", name) is not None
+
+    def _checked(self, found: Any) -> Any:
+        # An object of anybody's that has the method is as good as one of the class.
+        if (
+            isinstance(found, type)
+            or not callable(getattr(found, self.method, None))
+            or not isinstance(found, self.base)
+        ):
+            raise InvalidConfig(f"{self.name} {type(found).__name__} is none: give {self.wanted}")
+        return found
+
+
+def _named(module: Any, base: type) -> dict[str, type]:
+    """The classes of a module that are of this base and not abstract."""
+    found = {name: getattr(module, name) for name in module.__all__}
+    return {
+        name: one
+        for name, one in found.items()
+        if isinstance(one, type) and issubclass(one, base) and not inspect.isabstract(one)
+    }
+
+
+ESTIMATOR = Kind(
+    "estimator",
+    {name: getattr(estimators, name) for name in estimators.names()},
+    "fit",
+    "something with a method fit(experience, seed)",
+)
+MOTION = Kind("motion", _named(motions, motions.Motion), "path", "a subclass of bk.motions.Motion", motions.Motion)
+PROBE = Kind("probe", _named(probes, probes.Probe), "postures", "something with a method postures(body, seen)")
+_KINDS = (ESTIMATOR, MOTION, PROBE)
 
 
 def plain_name(kind: str, name: object) -> str:
     """The name itself, once it is known to be fit for a file and for a result.
 
     Raises:
-        InvalidConfig: Other characters than letters, digits, ``_``, ``-`` and ``.``.
+        InvalidConfig: Other characters than letters, digits, ``_``, ``-`` and ``.``; or more than 100 of them.
     """
-    if not isinstance(name, str) or not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
-        raise InvalidConfig(f"{kind} name {name!r}: use letters, digits, '_', '-' and '.'")
+    if not isinstance(name, str) or not re.fullmatch(r"\w[\w.-]{0,99}", name, re.ASCII):
+        raise InvalidConfig(f"{kind} name {_short(name)!r}: use letters, digits, '_', '-' and '.', at most 100")
     return name
 
 
-def embodiment_table(spec: Any) -> Table:
-    """``{"embodiment": NAME or PATH}``, with ``backend`` where one is chosen."""
-    table = {"embodiment": spec} if isinstance(spec, str) else dict(_table("embodiment", spec))
-    _refuse_unknown("embodiment", table, ("embodiment", "backend"))
-    if not all(isinstance(value, str) for value in table.values()) or "embodiment" not in table:
-        raise InvalidConfig(f"embodiment {spec!r}: give a name, the path of a TOML file, or {{embodiment, backend}}")
-    return table
+def snake(name: str) -> str:
+    """A class's name as results say it: ``PaperMLP`` is ``paper_mlp``."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
-def recording_table(spec: Any) -> Table:
-    """``{MOTION: settings, "touch": settings, "tour": settings}``, every setting written out.
-
-    The first is what is learned from. ``touch`` (``RandomTouch``, here 80 s by default) is where the motion's metric is
-    taken from and maps are learned, ``tour`` (``FaceTour``) where displacements are compared; both take over dynamics,
-    noise and sampling of the motion learned from unless they say otherwise. Maps to be published need
-    ``touch.duration = 800.0``. TOML has no None: ``touch.reset_interval = "none"`` says that the hand never returns.
-    """
-    given = {spec: {}} if isinstance(spec, str) else _table("recording", spec)
-    _refuse_unknown("recording", given, (*MOTIONS, "touch", "tour"))
-    learned = [name for name in given if name in MOTIONS]
-    if len(learned) != 1:
-        raise InvalidConfig(f"a recording is learned from one motion, not {learned}; name one of {', '.join(MOTIONS)}")
-    settings = _motion_settings(learned[0], given[learned[0]], {})
-    shared = {name: settings[name] for name in _SHARED if name in settings}
-    touch = {**shared, "duration": _TOUCH_DURATION}
-    table = {
-        learned[0]: settings,
-        "touch": _motion_settings("random_touch", given.get("touch", {}), touch),
-        "tour": _motion_settings("face_tour", given.get("tour", {}), shared),
-    }
-    if table["touch"]["sampling"] != settings["sampling"]:
-        raise InvalidConfig("touch: sampling must be that of the motion learned from, or their displacements differ")
-    return table
-
-
-def motion_arguments(kind: str, settings: Table) -> dict[str, Any]:
-    """A motion and its settings as keywords of :func:`bodyimage_kin.simulate`."""
-    own: Table = {name: None if value == _NONE else value for name, value in settings.items() if name not in _BESIDE}
-    drag = dict(settings.get("drag", {}))
-    variance, hold = drag.pop("torque_variance", 0.0), drag.pop("torque_hold", Noise().torque_hold)
-    return {
-        "motion": MOTIONS[kind](**own),
-        "trials": settings["trials"],
-        "dynamics": Drag(**drag) if settings["dynamics"] else False,
-        "noise": Noise(math.sqrt(variance), settings["encoder_noise"], settings["image_noise"], hold),
-    }
-
-
-def build_probe(table: Table) -> probes.Probe:
-    """The probe that a table describes.
+def class_name(cls: type) -> str:
+    """How a class is written: ours by name, any other as ``package.module:Class``.
 
     Raises:
-        InvalidConfig: A setting out of its range.
+        InvalidConfig: One that workers cannot find.
     """
-    ((kind, settings),) = table.items()
-    classes: dict[str, Callable[..., probes.Probe]] = {
-        "training": probes.Training,
-        "face": probes.Face,
-        "joint_space": probes.JointSpace,
-    }
-    try:
-        return classes[kind](**settings)
-    except InvalidConfig as problem:
-        raise InvalidConfig(f"probe {kind}: {problem}") from None
-
-
-def probe_table(spec: Any) -> Table:
-    """``{KIND: settings}``: ``training`` (its postures), ``face`` (taxels at a distance) or ``joint_space``."""
-    if isinstance(spec, str):
-        spec = PROBES.get(spec, {spec: {}})
-    kind, given = _single("probe", spec)
-    if kind not in _PROBE_SETTINGS:
-        raise UnknownName("probe", kind, (*_PROBE_SETTINGS, *PROBES))
-    settings = _table(f"probe {kind}", given)
-    _refuse_unknown(f"probe '{kind}'", settings, _PROBE_SETTINGS[kind])
-    settings = {**_PROBE_SETTINGS[kind], **settings}
-    build_probe({kind: settings})
-    return {kind: settings}
-
-
-# Estimators ----------------------------------------------------------------------------------------------------------
-
-
-def estimator_table(spec: Any) -> Table:
-    """``{CLASS: settings}``, the class one of ours by name or ``package.module:Class``, every setting written out.
-
-    Args:
-        spec: An estimator, the name of a class, or such a table. A setting ``body`` is left out: it is the study's to
-            fill in, with the embodiment of each cell.
-
-    Raises:
-        InvalidConfig: A class that cannot be named in a file, or settings that it does not take.
-        UnknownName: No such class or module.
-    """
-    if dataclasses.is_dataclass(spec) and not isinstance(spec, type):
-        return {_class_name(type(spec)): _fields(spec)}
-    if isinstance(spec, type):
-        spec = _class_name(spec)
-    name, settings = _single("estimator", {spec: {}} if isinstance(spec, str) else spec)
-    cls = _class(name)
-    settings = _table(f"estimator {name}", settings)
-    if not dataclasses.is_dataclass(cls):
-        return {name: {key: plain(f"estimator {name}: {key}", value) for key, value in settings.items()}}
-    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
-    _refuse_unknown(f"estimator '{name}'", settings, [key for key in fields if key != "body"])
-    if wants_body({name: settings}):
-        # It cannot be built before there is a body, so its settings are checked when its cells are.
-        defaults = {key: field.default for key, field in fields.items() if field.default is not dataclasses.MISSING}
-        return {name: _without_none({key: plain(key, value) for key, value in (defaults | settings).items()})}
-    return {name: _fields(build_estimator({name: settings}))}
-
-
-def build_estimator(table: Table, body: Any = None) -> Any:
-    """The estimator that a table describes.
-
-    Args:
-        table: Of :func:`estimator_table`.
-        body: The embodiment, for a class that wants one.
-
-    Raises:
-        InvalidConfig: The class refuses its settings, or what it makes cannot fit.
-        UnknownName: No such class or module.
-    """
-    name, settings = _single("estimator", table)
-    cls = _class(name)
-    arguments = {key: _built(value, body) for key, value in settings.items()}
-    try:
-        if "body" in _parameters(cls):
-            arguments["body"] = body
-        estimator = cls(**arguments)
-    except (TypeError, ValueError) as problem:
-        raise InvalidConfig(f"estimator {name}: {problem}") from None
-    if not callable(getattr(estimator, "fit", None)):
-        raise InvalidConfig(f"estimator {name} has no fit(experience, seed)")
-    return estimator
-
-
-def _class(name: str) -> type[Any]:
-    if ":" not in name:
-        if name not in estimators.names():
-            raise UnknownName("estimator", name, (*estimators.names(), "package.module:Class"))
-        return getattr(estimators, name)
-    return named_class("estimator", name, ("fit",))
-
-
-def wants_body(value: Any) -> bool:
-    """Whether a table of an estimator, or of one within it, is to be given the embodiment."""
-    if dataclasses.is_dataclass(value):
-        return hasattr(value, "body") or any(wants_body(item) for item in vars(value).values())
-    if isinstance(value, list | tuple):
-        return any(map(wants_body, value))
-    if not isinstance(value, Mapping):
-        return False
-    named = [key for key in value if isinstance(key, str) and (":" in key or key in estimators.names())]
-    return any("body" in _parameters(_class(key)) for key in named) or any(map(wants_body, value.values()))
-
-
-def _parameters(cls: Callable[..., Any]) -> Mapping[str, Any]:
-    return inspect.signature(cls).parameters
-
-
-def _class_name(cls: type) -> str:
-    if cls.__name__ in estimators.names() and getattr(estimators, cls.__name__) is cls:
-        return cls.__name__
+    for kind in _KINDS:
+        if kind.classes.get(cls.__name__) is cls:
+            return cls.__name__
     if cls.__module__ == "__main__" or "<locals>" in cls.__qualname__:
         raise InvalidConfig(
-            f"estimator {cls.__name__} cannot be found by workers; define it at the top of a module they can import"
+            f"{cls.__name__} cannot be found by workers; define it at the top of a module they can import"
         )
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
-def _fields(spec: Any) -> Table:
-    values = {}
-    for field in dataclasses.fields(spec):
-        value = getattr(spec, field.name)
-        if value is None and field.default is not None:
-            raise InvalidConfig(f"{type(spec).__name__}.{field.name}=None cannot be written into a study's file")
-        if field.init and field.name != "body":
-            values[field.name] = plain(f"{type(spec).__name__}.{field.name}", value)
-    return _without_none(values)
+def written(what: str, value: Any) -> Any:
+    """A value as TOML can say it: tuples as lists, specs as ``{CLASS: settings}``, None left out by its owner.
 
-
-def _built(value: Any, body: Any) -> Any:
-    """A setting as its class wants it: nested estimators built, lists as tuples (specs are frozen)."""
-    if isinstance(value, dict):
-        if len(value) == 1 and (":" in (key := next(iter(value))) or key in estimators.names()):
-            return build_estimator(value, body)
-        return {key: _built(item, body) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return tuple(_built(item, body) for item in value)
-    return value
-
-
-# Tables --------------------------------------------------------------------------------------------------------------
-
-
-def plain(what: str, value: Any) -> Any:
-    """The value as TOML can say it: tuples as lists, estimators and tables of settings as tables.
+    Args:
+        what: Its name in errors.
+        value: Anything that a spec holds.
 
     Raises:
         InvalidConfig: Something that has no place in a file; names it.
     """
+    if isinstance(value, np.generic):
+        value = value.item()
     if value is None or isinstance(value, str | bool | int | float):
         return value
     if isinstance(value, list | tuple):
-        return [plain(what, item) for item in value]
+        return [written(what, item) for item in value]
     if isinstance(value, Mapping):
-        return {str(key): plain(what, item) for key, item in value.items()}
+        return {str(key): written(what, item) for key, item in value.items() if item is not None}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {_class_name(type(value)): _fields(value)} if hasattr(value, "fit") else _fields(value)
+        return {class_name(type(value)): settings_of(value)}
+    if isinstance(value, Path):
+        return str(value)
     raise InvalidConfig(f"{what} is {type(value).__name__}, which cannot be written into a study's file")
 
 
-def _motion_settings(kind: str, given: Any, instead: Table) -> Table:
-    """All settings of a motion: as given, else as ``instead``, else its function's defaults."""
-    fields = {field.name: field for field in dataclasses.fields(MOTIONS[kind])}
-    defaults = {name: field.default for name, field in fields.items()} | _BESIDE
-    known = list(defaults)
-    settings = _table(kind, given)
-    _refuse_unknown(f"motion '{kind}'", settings, known)
-    settings = {name: plain(f"{kind}: {name}", value) for name, value in settings.items()}
-    for name, value in settings.items():
-        if value in (None, _NONE) and defaults[name] is not None:
-            if name not in fields or "None" not in str(fields[name].type):
-                raise InvalidConfig(f"{kind}: {name}={value!r}: give a value")
-            settings[name] = _NONE
-    found = {name: plain(name, default) for name, default in defaults.items()}
-    found |= {name: value for name, value in instead.items() if name in known} | settings
-    if found["dynamics"]:
-        drag = _table("drag", found.get("drag") or {})
-        _refuse_unknown("drag", drag, _DRAG)
-        found["drag"] = _DRAG | drag
-    elif "drag" in settings:
-        raise InvalidConfig(f"{kind}: drag: these settings are of the dynamics; use dynamics=True with them")
-    else:
-        found.pop("drag", None)
-    found = _without_none(found)
-    motion_arguments(kind, found)
+def settings_of(spec: Any) -> Table:
+    """Fields of a dataclass as a table; None where it is the default, and the embodiment, are left out.
+
+    Raises:
+        InvalidConfig: As :func:`written`.
+    """
+    found: Table = {}
+    cls: Any = type(spec)
+    hints = _hints(cls)
+    for field in dataclasses.fields(spec):
+        value = getattr(spec, field.name)
+        if not field.init or field.name == "body" or (value is None and field.default is None):
+            continue
+        what = f"{type(spec).__name__}.{field.name}"
+        options = _options(hints.get(field.name))
+        if value is None:
+            if str in options:
+                raise InvalidConfig(f"{what}=None cannot be written into a study's file")
+            found[field.name] = _NONE
+        elif _only_dataclass(options) is type(value):
+            found[field.name] = settings_of(value)
+        else:
+            found[field.name] = written(what, value)
     return found
 
 
-def _without_none(table: Table) -> Table:
-    """TOML has no None; what is left out is None again by default."""
-    return {key: value for key, value in table.items() if value is not None}
+def from_settings(cls: type, settings: Any, folder: Path = Path(), what: str = "") -> Any:
+    """A dataclass from the table of its fields.
+
+    Raises:
+        InvalidConfig: No table, an unknown field, or values that the class refuses.
+        UnknownName: A class within it that there is not.
+    """
+    what = what or snake(cls.__name__)
+    if isinstance(settings, cls):
+        return settings
+    if not isinstance(settings, Mapping):
+        refuse(what, settings, f"a table of settings of {cls.__name__}")
+    return _made(what, cls, arguments(what, cls, settings, folder, None))
 
 
-def _table(what: str, value: Any) -> Table:
-    if not isinstance(value, Mapping):
-        raise InvalidConfig(f"{what} is {value!r}; give a table of settings")
-    return dict(value)
+def arguments(what: str, cls: type, settings: Mapping[str, Any], folder: Path = Path(), body: Any = None) -> Table:
+    """Settings as a class wants them: what is within them built, lists as tuples.
+
+    Raises:
+        InvalidConfig: One that it does not have.
+    """
+    known = _parameters(cls)
+    if not any(one.kind is inspect.Parameter.VAR_KEYWORD for one in known.values()):
+        refuse_unknown(f"setting of {what}", settings, [name for name in known if name != "body"])
+    hints = _hints(cls)
+    return {name: _built(f"{what}: {name}", value, hints.get(name), folder, body) for name, value in settings.items()}
 
 
-def _single(what: str, spec: Any) -> tuple[str, Any]:
-    if not isinstance(spec, Mapping) or len(spec) != 1:
-        raise InvalidConfig(f"{what} {spec!r}: give a name, or one name with its settings, {{NAME: {{...}}}}")
-    return next(iter(spec.items()))
-
-
-def _refuse_unknown(what: str, table: Mapping[str, Any], known: Any) -> None:
+def refuse_unknown(what: str, table: Mapping[str, Any], known: Any) -> None:
+    """Raises InvalidConfig unless each key is known; a guess stands beside the first that is not."""
     for name in table:
         if name not in tuple(known):
-            raise InvalidConfig(str(UnknownName(f"setting of {what}", name, known)))
+            raise InvalidConfig(str(UnknownName(what, _short(name), known)))
+
+
+def refuse_deep(what: str, value: Any, depth: int = 0) -> None:
+    """Raises InvalidConfig for tables within tables beyond any sense."""
+    if depth > _DEEPEST:
+        raise InvalidConfig(f"{what}: more than {_DEEPEST} tables within each other; no setting lies so deep")
+    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
+        refuse_deep(what, item, depth + 1)
+
+
+# Inner ---------------------------------------------------------------------------------------------------------------
+
+
+def _short(value: Any) -> str:
+    """Text of one line, cut to a length that an error can show."""
+    said = " ".join(str(value).split())
+    return said if len(said) <= 120 else said[:117] + "..."
+
+
+def _made(what: str, cls: type, values: Table) -> Any:
+    try:
+        return cls(**values)
+    except BodyImageKinError as problem:
+        said = str(problem)
+        raise InvalidConfig(said if said.startswith(what) else f"{what}: {said}") from None
+    except Exception as problem:
+        raise InvalidConfig(f"{what}: {_short(problem) or type(problem).__name__}") from None
+
+
+def _built(what: str, value: Any, hint: Any, folder: Path, body: Any) -> Any:
+    options = _options(hint)
+    if value is None or (value == _NONE and str not in options and type(None) in options):
+        if options and type(None) not in options and Any not in options:
+            refuse(what, value, "a value")
+        return None
+    if isinstance(value, str) and options and set(options) <= {int, float, type(None)}:
+        refuse(what, value, "a number")
+    if isinstance(value, list | tuple):
+        return tuple(_built(what, item, None, folder, body) for item in value)
+    if not isinstance(value, Mapping):
+        return value
+    name = str(next(iter(value), "")) if len(value) == 1 else ""
+    if ":" in name or any(name in kind.classes for kind in _KINDS):
+        # Of a class that is not ours the kind shows only once it is found.
+        for kind in _KINDS:
+            if name in kind.classes or (":" in name and kind.fits(named_object("spec", name, folder))):
+                return kind.build(value, folder, body)
+        raise InvalidConfig(f"{what}: {_short(name)} is no {', no '.join(kind.name for kind in _KINDS)}")
+    if (cls := _only_dataclass(options)) is not None:
+        return from_settings(cls, value, folder, what)
+    return {str(key): _built(what, item, None, folder, body) for key, item in value.items()}
+
+
+@functools.cache
+def _hints(cls: Any) -> Mapping[str, Any]:
+    """Types of a class's fields; none where they cannot be told."""
+    try:
+        return typing.get_type_hints(cls)
+    except Exception:
+        return {}
+
+
+def _options(hint: Any) -> tuple[Any, ...]:
+    """What a type hint allows, unions taken apart."""
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return tuple(option for part in typing.get_args(hint) for option in _options(part))
+    return () if hint is None else (hint,)
+
+
+def _only_dataclass(options: tuple[Any, ...]) -> type | None:
+    """The one dataclass among them that is a spec without a kind, such as settings of the noise."""
+    found = [one for one in options if isinstance(one, type) and dataclasses.is_dataclass(one)]
+    found = [one for one in found if not any(hasattr(one, kind.method) for kind in _KINDS)]
+    return found[0] if len(found) == 1 else None
+
+
+@functools.cache
+def _parameters(cls: Any) -> Mapping[str, inspect.Parameter]:
+    try:
+        return inspect.signature(cls).parameters
+    except (TypeError, ValueError):
+        return {}
+
+
+def finite(what: str, value: Any) -> Any:
+    """The value itself, once no number in it is infinite or NaN, which neither TOML nor a result can keep apart.
+
+    Raises:
+        InvalidConfig: One that is.
+    """
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InvalidConfig(f"{what}={value!r}: give a finite number")
+    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
+        finite(what, item)
+    return value

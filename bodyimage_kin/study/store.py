@@ -1,31 +1,107 @@
-"""Where a study is kept: one NetCDF file a cell, written atomically, so that an interrupted run loses only what runs.
+"""Where a study is kept: a folder that any number of workers write into, each file whole, and known when it is read.
 
 ::
 
-    bodyimage_kin.json                                  what the store is for
-    recordings/EMBODIMENT/RECORDING/seed3_training.nc   and _touch, _tour: recordings, one file each
-    scenes/EMBODIMENT/RECORDING/block0.nc               what the recordings excite, and how far the probes are
-    cells/EMBODIMENT/RECORDING/ESTIMATOR/block0.nc      scores
+    bodyimage_kin.json                              what the store is for
+    given/                                          recordings and embodiments that the study was handed
+    recordings/EMBODIMENT/RECORDING/block0.part     what was simulated (:func:`recording_of` reads it)
+    facts/EMBODIMENT/RECORDING/block0.part          facts of the recordings
+    cells/EMBODIMENT/RECORDING/ROW/block0.part      scores of one row
+    logs/EMBODIMENT/RECORDING/ROW/block0.log        what was printed meanwhile, if anything
+
+A part begins with the checksum of all that follows: one line of JSON that says what the part is and lists its arrays,
+then their bytes. A file that is damaged, or says that it is something else, is set aside with a warning and computed
+again; it stops nothing.
 """
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import math
+import os
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from bodyimage_kin import _files
-from bodyimage_kin._files import atomic_path
-from bodyimage_kin.errors import InvalidConfig, OutputRefused
-from bodyimage_kin.recordings import read_recording, write_recording
-from bodyimage_kin.study.cells import Ground, Scene
+from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.errors import InvalidConfig, InvalidRecording, OutputRefused
+from bodyimage_kin.recordings import check
+from bodyimage_kin.study.grid import Block
+from bodyimage_kin.study.specs import Table
 
 KIND = "study"
-_ROLES = ("training", "touch", "tour")
+_MARKER = "bodyimage_kin.json"
+_MAGIC = b"bodyimage_kin part 1 "
+_LEFT_OVER = 10.0
+"""Age from which a temporary file of a process that is gone is swept [s]."""
+_MOST_SAID = 2000
+"""Characters of a failure that are kept."""
+
+
+class SetAside(UserWarning):
+    """A file of a store is damaged or of something else; what it should hold is computed again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What a file holds.
+
+    Attributes:
+        identity: What it is (:meth:`Block.identity`).
+        arrays: Name -> numbers, or text; the first axis is the block's seeds.
+        notes: What else is to be kept, as JSON says it.
+    """
+
+    identity: Mapping[str, Any]
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    def pack(self) -> bytes:
+        """As bytes."""
+        listed, bodies = {}, []
+        for name, values in self.arrays.items():
+            kind = "text"
+            if values.dtype.kind in "biuf":
+                kind = values.dtype.newbyteorder("<").str
+                data = np.ascontiguousarray(values, dtype=kind).tobytes()
+            else:
+                data = json.dumps(values.tolist(), default=str).encode()
+            listed[name] = [kind, list(values.shape), len(data)]
+            bodies.append(data)
+        head = json.dumps({"identity": self.identity, "notes": self.notes, "arrays": listed}, default=str)
+        rest = head.encode() + b"\n" + b"".join(bodies)
+        return _MAGIC + hashlib.sha256(rest).hexdigest().encode() + b"\n" + rest
+
+    @classmethod
+    def unpack(cls, data: bytes) -> Part:
+        """The inverse of :meth:`pack`.
+
+        Raises:
+            ValueError: Damaged, or no part.
+        """
+        first, _, rest = data.partition(b"\n")
+        if not first.startswith(_MAGIC):
+            raise ValueError("it is no part of a store")
+        if hashlib.sha256(rest).hexdigest().encode() != first[len(_MAGIC) :]:
+            raise ValueError("its checksum is wrong")
+        line, _, body = rest.partition(b"\n")
+        head, arrays, begin = json.loads(line), {}, 0
+        for name, (kind, shape, size) in head["arrays"].items():
+            piece, begin = body[begin : begin + size], begin + size
+            if kind == "text":
+                arrays[name] = np.array(json.loads(piece), dtype=str).reshape(shape)
+            else:
+                arrays[name] = np.frombuffer(piece, dtype=kind).reshape(shape)
+        return cls(head["identity"], arrays, head["notes"])
 
 
 @dataclass(frozen=True)
@@ -55,46 +131,143 @@ class Store:
         if different := list(differences(stored, before_it_grew(stored, origin))):
             shown = "; ".join(different[:5]) + (f"; and {len(different) - 5} more" if len(different) > 5 else "")
             raise OutputRefused(f"'{folder}' holds another study: {shown}; name another folder for this one")
-        return cls(_files.claim(folder, KIND, {**origin, "folder": str(begin.absolute())}))
+        place = cls(_files.claim(folder, KIND, {**origin, "folder": str(begin.absolute())}).absolute())
+        place._sweep()
+        return place
 
-    def cell(self, ground: Ground, block: int, estimator: str) -> Path:
-        """File of a cell."""
-        return self._place("cells", ground) / estimator / f"block{block}.nc"
+    def part(self, block: Block, estimator: str = "") -> Path:
+        """File of a cell; without an estimator, of the facts of its recordings."""
+        name = f"block{block.number}.part"
+        if not estimator:
+            return self.folder / "facts" / block.place / name
+        return self.folder / "cells" / block.place / estimator / name
 
-    def scene(self, ground: Ground, block: int) -> Path:
-        """File of a ground's facts; it is written last, so it says that the recordings are there."""
-        return self._place("scenes", ground) / f"block{block}.nc"
+    def log(self, block: Block, estimator: str = "recordings") -> Path:
+        """File of what a task prints."""
+        return self.folder / "logs" / block.place / estimator / f"block{block.number}.log"
 
-    def read_scene(self, ground: Ground, block: int) -> Scene:
-        """What :meth:`write_scene` wrote, of the recordings those that cells need."""
-        recordings = {
-            role: [read_recording(self._recording(ground, seed, role)) for seed in ground.seeds]
-            for role in ground.roles
+    def read(self, path: Path, identity: Mapping[str, Any]) -> Part | None:
+        """A part, once it is known to be what it should be; None: missing, or set aside."""
+        try:
+            part = Part.unpack(path.read_bytes())
+            if part.identity == dict(identity):
+                return part
+            of = {key: value for key, value in part.identity.items() if identity.get(key) != value}
+            why = f"it is of something else ({', '.join(of)} differ)"
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError) as problem:
+            why = f"{problem or type(problem).__name__}"
+        self.set_aside(path, why)
+        return None
+
+    def set_aside(self, path: Path, why: str) -> None:
+        """Gives a file another name, and says so."""
+        other = path.with_name(f"{path.name}.damaged")
+        try:
+            os.replace(path, other)
+            done = f"it is set aside as '{other.name}'"
+        except OSError:
+            done = "it counts as missing"
+        warnings.warn(f"'{path}': {why}; {done} and computed again", SetAside, stacklevel=2)
+
+    def write(self, path: Path, part: Part) -> None:
+        """Writes a part atomically.
+
+        Raises:
+            OutputRefused: A place that cannot be written to.
+        """
+        self._write(path, part.pack())
+
+    def write_recordings(self, block: Block, recordings: Mapping[str, Sequence[xr.Dataset | str]]) -> None:
+        """Writes the recordings of a block: role -> one a seed, or the hash of one that was handed over."""
+        arrays: dict[str, np.ndarray] = {}
+        listed: dict[str, list[Any]] = {}
+        for role, ones in recordings.items():
+            for index, one in enumerate(ones):
+                of = one if isinstance(one, str) else _take_apart(one, f"{role}/{index}/", arrays)
+                listed.setdefault(role, []).append(of)
+        self.write(self._recordings(block), Part(block.identity(), arrays, {"recordings": listed}))
+
+    def read_recordings(self, block: Block) -> dict[str, list[xr.Dataset]] | None:
+        """What :meth:`write_recordings` wrote; None: missing, or set aside.
+
+        Raises:
+            InvalidRecording: One that was handed over is not in the store.
+        """
+        part = self.read(self._recordings(block), block.identity())
+        if part is None:
+            return None
+        return {
+            role: [
+                self.given_recording(of) if isinstance(of, str) else _put_together(of, f"{role}/{index}/", part.arrays)
+                for index, of in enumerate(ones)
+            ]
+            for role, ones in part.notes["recordings"].items()
         }
-        return Scene(recordings, read(self.scene(ground, block)))
 
-    def write_scene(self, ground: Ground, block: int, scene: Scene, origin: Mapping[str, str]) -> None:
-        """Writes recordings, then facts."""
-        for role in _ROLES:
-            for seed, recording in zip(ground.seeds, scene.recordings[role], strict=True):
-                path = self._recording(ground, seed, role)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_recording(recording, path)
-        write(scene.facts.assign_attrs(origin), self.scene(ground, block))
+    def _recordings(self, block: Block) -> Path:
+        return self.folder / "recordings" / block.place / f"block{block.number}.part"
 
-    def _place(self, what: str, ground: Ground) -> Path:
-        return self.folder / what / ground.embodiment / ground.recording
+    # What the study was handed ----------------------------------------------------------------------------------------
 
-    def _recording(self, ground: Ground, seed: int, role: str) -> Path:
-        return self._place("recordings", ground) / f"seed{seed}_{role}.nc"
+    def give(self, given: Mapping[str, xr.Dataset | Embodiment]) -> None:
+        """Keeps recordings and embodiments, by their hashes, unless they are there."""
+        for sha256, thing in given.items():
+            if isinstance(thing, xr.Dataset):
+                path, identity = self._given(sha256)
+                if self.read(path, identity) is None:
+                    arrays: dict[str, np.ndarray] = {}
+                    self.write(path, Part(identity, arrays, {"recording": _take_apart(thing, "", arrays)}))
+            else:
+                folder = self.folder / "given" / sha256
+                for name, data in body_files(thing).items():
+                    self._write(folder / name, data)
+
+    def given_recording(self, sha256: str) -> xr.Dataset:
+        """A recording that the study was handed.
+
+        Raises:
+            InvalidRecording: It is not there.
+        """
+        part = self.read(*self._given(sha256))
+        if part is None:
+            raise InvalidRecording(f"recording {sha256[:12]} is not in the store; give it to the study again")
+        return _put_together(part.notes["recording"], "", part.arrays)
+
+    def _given(self, sha256: str) -> tuple[Path, Table]:
+        return self.folder / "given" / f"{sha256}.part", {"recording": sha256}
+
+    def _write(self, path: Path, data: bytes) -> None:
+        try:
+            # Nothing makes a folder anew that was deleted under the run.
+            (self.folder / _MARKER).stat()
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _files.write_bytes(path, data)
+        except OSError as problem:
+            gone = problem.errno == errno.ENOENT and not self.folder.exists()
+            said = "the folder was deleted" if gone else problem.strerror
+            raise OutputRefused(
+                f"cannot write '{path}': {said}; what is finished is kept, run the study again"
+            ) from None
+
+    def _sweep(self) -> None:
+        """Removes temporary files of processes that were killed while they wrote."""
+        old = time.time() - _LEFT_OVER
+        for path in self.folder.rglob(".*.tmp"):
+            try:
+                if path.stat().st_mtime < old:
+                    path.unlink()
+            except OSError:
+                continue
 
 
 def settings(folder: Path) -> dict[str, Any] | None:
     """What the study in a folder was asked for; None when there is none."""
     try:
-        marker = json.loads((folder / "bodyimage_kin.json").read_text(encoding="utf-8"))
+        marker = json.loads((folder / _MARKER).read_text(encoding="utf-8"))
         return dict(marker["settings"]) if marker["kind"] == KIND else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 
@@ -132,28 +305,83 @@ def differences(stored: Any, asked: Any, name: str = "") -> Iterator[str]:
         yield f"{name} is {stored!r} in the store, {asked!r} asked"
 
 
-def write(dataset: xr.Dataset, path: Path) -> None:
-    """Writes a NetCDF file atomically.
+def fingerprint(recording: xr.Dataset) -> str:
+    """Hash of all that a recording says, the same however it is kept.
 
     Raises:
-        OutputRefused: A place that cannot be written to.
+        InvalidRecording: Not a recording.
     """
+    found = hashlib.sha256(json.dumps(recording.attrs, sort_keys=True, default=str).encode())
+    for name in sorted(map(str, check(recording).variables)):
+        one = recording.variables[name]
+        values = np.ascontiguousarray(one.values)
+        found.update(json.dumps([name, one.dims, values.shape, one.attrs], sort_keys=True, default=str).encode())
+        text = values.dtype.kind not in "biuf"
+        found.update(json.dumps(values.tolist(), default=str).encode() if text else str(values.dtype).encode())
+        found.update(b"" if text else values.tobytes())
+    return found.hexdigest()
+
+
+def body_files(body: Embodiment) -> dict[str, bytes]:
+    """An embodiment as files that :func:`bodyimage_kin.load_embodiment` reads: ``embodiment.toml`` and its URDF."""
+    import tomllib
+
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path) as temporary:
-            dataset.to_netcdf(temporary, engine="h5netcdf")
-    except OSError as problem:
-        raise OutputRefused(f"cannot write '{path}': {problem}; name another folder") from problem
+        urdf = str(tomllib.loads(body.source.decode())["urdf"])
+    except (ValueError, KeyError) as problem:
+        raise InvalidConfig(
+            f"embodiment '{body.name}' cannot be handed to workers ({problem}); load it from a file"
+        ) from None
+    name = Path(urdf)
+    if name.is_absolute() or ".." in name.parts:
+        raise InvalidConfig(
+            f"embodiment '{body.name}': urdf='{urdf}' lies outside its folder; give its TOML file's path"
+        )
+    return {"embodiment.toml": body.source, urdf: body.robot.source}
 
 
-def read(path: Path) -> xr.Dataset:
-    """Reads a file that :func:`write` wrote.
+def said(problem: BaseException) -> str:
+    """An error in one line that any file can hold: its class and what it says, cut."""
+    words = " ".join(str(problem)[: 10 * _MOST_SAID].split()).replace("\0", "")
+    words = words.encode("utf-8", "backslashreplace").decode()
+    words = words if len(words) <= _MOST_SAID else words[: _MOST_SAID - 3] + "..."
+    return f"{type(problem).__name__}: {words}" if words else type(problem).__name__
 
-    Raises:
-        InvalidConfig: A file that is missing or damaged.
-    """
-    try:
-        with xr.open_dataset(path, engine="h5netcdf") as stored:
-            return stored.load()
-    except (OSError, ValueError, KeyError) as problem:
-        raise InvalidConfig(f"'{path}' cannot be read ({problem}); delete it, and its cell is computed again") from None
+
+def padded(arrays: list[Any]) -> np.ndarray:
+    """Arrays side by side along a new first axis; where one is smaller or None, NaN, of text nothing."""
+    there = [np.asarray(one) for one in arrays if one is not None]
+    text = any(one.dtype.kind == "U" for one in there)
+    shape = tuple(map(max, zip(*(one.shape for one in there), strict=True))) if there else ()
+    found = np.full((len(arrays), *shape), "" if text else math.nan, dtype=object if text else float)
+    for row, one in zip(range(len(arrays)), arrays, strict=True):
+        if one is not None:
+            values = np.asarray(one)
+            at: tuple[Any, ...] = (row, *map(slice, values.shape))
+            found[at] = values
+    return found.astype(str) if text else found
+
+
+def _take_apart(recording: xr.Dataset, prefix: str, arrays: dict[str, np.ndarray]) -> Table:
+    """Puts a recording's arrays among others; gives what else there is to it."""
+    variables = {}
+    for name, one in recording.variables.items():
+        arrays[f"{prefix}{name}"] = one.values
+        variables[str(name)] = [list(one.dims), _plain(one.attrs), name in recording.coords]
+    return {"attrs": _plain(recording.attrs), "variables": variables}
+
+
+def _put_together(table: Table, prefix: str, arrays: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """The inverse of :func:`_take_apart`."""
+    found: dict[bool, dict[str, Any]] = {True: {}, False: {}}
+    for name, (dims, attrs, is_coordinate) in table["variables"].items():
+        found[is_coordinate][name] = (dims, arrays[f"{prefix}{name}"], attrs)
+    return xr.Dataset(found[False], found[True], table["attrs"])
+
+
+def _plain(attributes: Mapping[Any, Any]) -> Table:
+    """Attributes as JSON says them."""
+    return {
+        str(key): value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+        for key, value in attributes.items()
+    }

@@ -2,145 +2,171 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import re
 import tomllib
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 import torch
 import xarray as xr
 
+from bodyimage_kin import _progress
+from bodyimage_kin._checks import choice, flag, number, whole
 from bodyimage_kin._files import write_text
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.study import cells, executors, results, scores, specs, store
-from bodyimage_kin.study.cells import Ground, Scene
-from bodyimage_kin.study.specs import Table
+from bodyimage_kin.recordings import write_recording
+from bodyimage_kin.study import asked, cells, executors, results, running, specs, store
+from bodyimage_kin.study.context import Score
+from bodyimage_kin.study.grid import blocks
+from bodyimage_kin.study.scoring import PROBES, default_facts, default_scores, need_maps
+from bodyimage_kin.study.specs import ESTIMATOR, Table
 from bodyimage_kin.study.store import Store
 
-_MAPPINGS: Mapping[str, Callable[[Any], Table]] = {
-    "embodiments": specs.embodiment_table,
-    "recordings": specs.recording_table,
-    "estimators": specs.estimator_table,
-    "probes": specs.probe_table,
-}
-_IN_FLIGHT = 256
-"""Tasks that wait at once: enough for a cluster, few enough for the memory that their recordings take."""
+_LARGEST_FILE = 4 * 2**20
+"""Of a study's TOML file [bytes]."""
 
 
 @dataclass(frozen=True)
 class Study:
     """A grid of embodiments, recordings, estimators and seeds, each scored at every probe.
 
-    Specs may be given as objects, names or tables, and are kept as tables (:mod:`bodyimage_kin.study.specs`); two
-    studies are equal when these are.
+    Everything may be given as an object, a name or a table, and is kept as tables (:mod:`bodyimage_kin.study.specs`);
+    two studies are equal when these are.
 
     Attributes:
-        embodiments: Name -> name of an embodiment, path of a TOML file, or ``{"embodiment": ..., "backend": ...}``.
-        recordings: Name -> ``{"circle": settings, "touch": settings, "tour": settings}``.
-        estimators: Name -> estimator, ``"package.module:Class"``, or ``{"PaperMLP": settings}``.
+        embodiments: An embodiment, or name -> embodiment: the object, a name, the path of a TOML file, a table
+            ``{"embodiment": ..., "backend": ...}``, or None where it is not known.
+        recordings: Name -> motion, :class:`Simulation`, recording, or list of recordings, one a seed.
+        estimators: A list, or name -> estimator or :class:`Row`.
+        probes: A list, or name -> probe; None: those of the face only where they are not
+            (:data:`bodyimage_kin.study.PROBES`).
+        use: Motion of the touches of recordings that say nothing of it; None: see :class:`Simulation`.
         seeds: One recording each; a number n means 0 to n - 1.
-        probes: Name -> name of a probe, or ``{"face": {"distance": 0.03}}``.
-        metrics: Names of the scores to keep; those of maps are computed only when they are named here.
+        scores: Names of the scores to keep, or scores of one's own; those of maps are computed only when they are here.
+            None: all that take little time.
+        facts: Likewise of the facts.
         block: Seeds of a cell, which an estimator trains together. Part of what decides the result's last bits.
         seed: Of all random streams.
         excitation_cut: A direction counts as excited when training moves along it this much of what touching does.
+        metric_of: ``"felt"`` or ``"true"``: whose motion the metric and the excitation are of.
         time_limit: Of a cell [s]; None: any time.
-        per_posture: Whether scores are kept for each posture too.
-        first_maps: Initial weights of the maps that each recording is tried with; scores of maps are their means.
-        folder: Where relative paths of embodiments begin.
+        per_posture: Whether scores are kept for each posture too, where ``scores`` does not say.
+        first_maps: Initial weights of the maps that each recording is tried with; scores of maps are their means. Or
+            seed -> number, 1 for all others.
+        maps: Settings of :meth:`bodyimage_kin.BodyImage.learn`.
+        streams: ``"own"``: random streams spawned by name; ``"plain"``: every stream is seeded by the seed itself.
+        folder: Where relative paths begin, and where modules may lie.
     """
 
-    embodiments: Mapping[str, Any]
-    recordings: Mapping[str, Any]
-    estimators: Mapping[str, Any]
+    embodiments: Any
+    recordings: Any
+    estimators: Any
+    probes: Any = None
+    use: Any = None
     seeds: int | Sequence[int] = 30
-    probes: Mapping[str, Any] = field(default_factory=lambda: dict(specs.PROBES))
-    metrics: Sequence[str] = scores.DEFAULT
+    scores: Sequence[str | Score] | None = None
+    facts: Sequence[str | Score] | None = None
     block: int = 10
     seed: int = 0
     excitation_cut: float = 0.1
+    metric_of: str = "felt"
     time_limit: float | None = None
     per_posture: bool = False
-    first_maps: int = 1
+    first_maps: int | Mapping[Any, int] = 1
+    maps: Mapping[str, Any] = field(default_factory=dict)
+    streams: str = "own"
     folder: Path = field(default=Path(), compare=False)
+    _given: dict[str, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name, canonical in _MAPPINGS.items():
-            value = getattr(self, name)
-            if not isinstance(value, Mapping) or not value:
-                raise InvalidConfig(f"{name}: give at least one, NAME -> spec")
-            tables = {specs.plain_name(name.removesuffix("s"), key): canonical(spec) for key, spec in value.items()}
-            object.__setattr__(self, name, tables)
-        seeds = range(self.seeds) if isinstance(self.seeds, int) else self.seeds
-        object.__setattr__(self, "seeds", tuple(seeds))
-        object.__setattr__(self, "metrics", tuple(self.metrics))
-        object.__setattr__(self, "folder", Path(self.folder))
-        self._check()
-
-    def _check(self) -> None:
-        seeds: Sequence[Any] = self.all_seeds
-        if not seeds or len(set(seeds)) != len(seeds) or not all(_is_whole(seed) for seed in (*seeds, self.seed)):
-            raise InvalidConfig(f"seeds={seeds!r}, seed={self.seed!r}: give whole numbers of at least 0, none twice")
-        if not _is_whole(self.block) or self.block < 1:
-            raise InvalidConfig(f"block={self.block!r}: give a whole number of at least 1")
-        if not _is_whole(self.first_maps) or self.first_maps < 1:
-            raise InvalidConfig(f"first_maps={self.first_maps!r}: give a whole number of at least 1")
-        if self.time_limit is not None and not 0 < self.time_limit < np.inf:
-            raise InvalidConfig(f"time_limit={self.time_limit!r}: give a positive number of seconds, or None")
-        if not 0 <= self.excitation_cut < np.inf:
-            raise InvalidConfig(f"excitation_cut={self.excitation_cut!r}: give a number that is not negative")
-        if not isinstance(self.per_posture, bool):
-            raise InvalidConfig(f"per_posture={self.per_posture!r}: give true or false")
-        for name in self.metrics:
-            if name not in scores.SCORES:
-                raise UnknownName("metric", name, scores.SCORES)
-
-    @property
-    def all_seeds(self) -> tuple[int, ...]:
-        """Every seed."""
-        return tuple(self.seeds)  # type: ignore[arg-type]
+        put = functools.partial(object.__setattr__, self)
+        put("folder", Path(self.folder))
+        put("seeds", asked.seeds_of(self.seeds))
+        for name in ("block", "seed"):
+            put(name, whole(name, getattr(self, name), least=int(name == "block")))
+        put("excitation_cut", number("excitation_cut", self.excitation_cut, least=0.0))
+        if self.time_limit is not None:
+            put("time_limit", number("time_limit", self.time_limit, above=0.0))
+        choice("metric_of", self.metric_of, ("felt", "true"))
+        choice("streams", self.streams, ("own", "plain"))
+        flag("per_posture", self.per_posture)
+        put("first_maps", asked.first_maps_of(self.first_maps))
+        put("maps", asked.map_settings_of(self.maps))
+        read = asked.Reader(self.folder, self.seeds, self.use, self._given)  # type: ignore[arg-type]
+        put("use", None)
+        put("scores", read.names("scores", self.scores, default_scores(self.per_posture)))
+        with_maps = need_maps(self.scores or (), self.folder)
+        put("facts", read.names("facts", self.facts, default_facts(self.per_posture, with_maps)))
+        bodies = asked.named_bodies(self.embodiments)
+        put("embodiments", {name: read.body(one) for name, one in bodies.items()})
+        recordings = asked.named("recordings", self.recordings)
+        put("recordings", {name: read.recording(name, one) for name, one in recordings.items()})
+        rows = asked.named("estimators", self.estimators, asked.row_name)
+        put("estimators", {name: read.row(one) for name, one in rows.items()})
+        probes = asked.named("probes", PROBES if self.probes is None else self.probes, asked.probe_key)
+        put("probes", {name: read.probe(one) for name, one in probes.items()})
+        known = [*self.recordings, *(f"{body}/{name}" for body in self.embodiments for name in self.recordings)]
+        for name, row in self.estimators.items():
+            for place in row.get("on", ()):
+                if place not in known:
+                    raise InvalidConfig(f"row '{name}': {UnknownName('recording', place, known)}")
+        specs.finite("study", self.table())
 
     # As a file ------------------------------------------------------------------------------------------------------
 
     def table(self) -> Table:
-        """The study as one table, all that TOML and results keep of it."""
-        found: Table = {
-            "seeds": list(self.all_seeds),
-            "block": self.block,
-            "seed": self.seed,
-            "excitation_cut": self.excitation_cut,
-            "per_posture": self.per_posture,
-            "first_maps": self.first_maps,
-            "metrics": list(self.metrics),
-        }
-        if self.time_limit is not None:
-            found["time_limit"] = self.time_limit
-        return found | {name: dict(getattr(self, name)) for name in _MAPPINGS}
+        """The study as one table, all that results keep of it; what it was handed stands as hashes."""
+        names = [one.name for one in dataclasses.fields(self) if one.name not in ("folder", "_given", "use")]
+        found = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in found.items()}
 
     def to_toml(self, path: str | Path) -> None:
-        """Writes the study; :meth:`from_toml` reads exactly the same one."""
-        write_text(Path(path), tomli_w.dumps(self.table()))
+        """Writes the study; :meth:`from_toml` reads exactly the same one.
+
+        What the study was handed is written beside the file: recordings as NetCDF, embodiments as folders.
+        """
+        place = Path(path)
+        names: dict[str, str] = {}
+        for sha256, thing in self._given.items():
+            if isinstance(thing, xr.Dataset):
+                names[sha256] = f"recording_{sha256[:12]}.nc"
+                write_recording(thing, place.parent / names[sha256])
+            else:
+                names[sha256] = f"embodiment_{sha256[:12]}/embodiment.toml"
+                folder = place.parent / f"embodiment_{sha256[:12]}"
+                folder.mkdir(exist_ok=True)
+                for name, data in store.body_files(thing).items():
+                    (folder / name).write_bytes(data)
+        write_text(place, tomli_w.dumps(_with_paths(self.table(), names)))
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Study:
-        """The study in a TOML file; paths in it begin at the file's folder.
+        """The study in a TOML file; paths in it begin at the file's folder, and its modules may lie there.
 
         Raises:
             InvalidConfig: A file that cannot be read, or a field that is missing, unknown or out of range.
-            UnknownName: An embodiment, estimator, probe or metric that there is not.
+            UnknownName: An embodiment, estimator, probe or score that there is not.
         """
         place = Path(path)
         try:
-            table = tomllib.loads(place.read_bytes().decode())
+            if place.stat().st_size > _LARGEST_FILE:
+                raise InvalidConfig(f"study '{place.name}' has more than {_LARGEST_FILE} bytes; no study needs so many")
+            source = place.read_bytes().decode()
+            # A key of very many parts takes the reader of TOML minutes.
+            if deep := re.search(r"(?:[^\s=\[\]{},.#]+\s*\.\s*){40}", source):
+                raise InvalidConfig(f"study '{place.name}': key '{deep[0][:40]}...' has more than 40 parts")
+            table = tomllib.loads(source)
         except OSError as problem:
             raise InvalidConfig(f"cannot read study '{path}': {problem.strerror}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
             raise InvalidConfig(f"study '{place.name}' is no valid TOML: {problem}") from None
         return cls.from_table(table, place.parent)
 
@@ -151,26 +177,15 @@ class Study:
         Raises:
             InvalidConfig: As :meth:`from_toml`.
         """
-        known = [name for name in cls.__dataclass_fields__ if name != "folder"]
-        for name in table:
-            if name not in known:
-                raise InvalidConfig(str(UnknownName("field of a study", name, known)))
+        known = [one.name for one in dataclasses.fields(cls) if one.init and one.name != "folder"]
+        specs.refuse_unknown("field of a study", table, known)
+        specs.refuse_deep("study", table)
         for name in ("embodiments", "recordings", "estimators"):
             if name not in table:
                 raise InvalidConfig(f"the study's field '{name}' is missing; give a table, NAME -> spec")
         return cls(**table, folder=folder)
 
     # At work --------------------------------------------------------------------------------------------------------
-
-    def origin(self) -> dict[str, Any]:
-        """All that decides the results: the config, and hashes of every embodiment and its URDF."""
-        bodies = {name: self._load(name) for name in self.embodiments}
-        return {
-            "config": self.table(),
-            "urdf_sha256": {name: body.robot.sha256 for name, body in bodies.items()},
-            "embodiment_sha256": {name: body.sha256 for name, body in bodies.items()},
-            "skin_shape": {name: list(body.require_skin().shape) for name, body in bodies.items()},
-        }
 
     def run(
         self,
@@ -179,185 +194,89 @@ class Study:
         *,
         workers: int | None = None,
         retry: bool = False,
-        report: Callable[[int, int], None] = lambda done, total: None,
+        progress: bool | Callable[[int, int], None] = False,
     ) -> xr.Dataset:
         """Computes what is missing in a store, and gives everything.
 
         Args:
             store: Folder; new, empty, or of this very study, or of this study before it was added to: embodiments,
-                recordings and estimators may be added, and seeds after complete blocks.
+                recordings and estimators may be added, and seeds after complete blocks. Workers write into it, so it
+                must be reachable from wherever they run.
             executor: None: a pool of processes; ``"in-process"``; a Dask scheduler's address or ``Client``; an
                 ``Executor``. No bit of the result depends on it, ``fit_seconds`` aside.
             workers: Of the pool; None: one a processor.
             retry: Whether cells that failed are tried again.
-            report: Called with the number of tasks that are done, and their total.
+            progress: Whether a bar is shown; or called with the number of tasks that are done, and their total.
 
         Returns:
             Dims ``embodiment, recording, estimator, seed, probe`` (and ``part``, ``axis``, ``direction``,
             ``posture``). ``failure`` says what went wrong with a seed, whose scores are NaN; empty where nothing did.
+            The attribute ``left_out`` says which scores there are not, where, and what they lack.
 
         Raises:
-            OutputRefused: A store of something else, or of a study with another config or robot.
+            OutputRefused: A store of something else, or of a study with another config or robot; or one that cannot be
+                written to.
+            ExecutorLost: Nobody is left to work.
         """
         origin = self.origin()
         place = Store.claim(Path(store), origin, self.folder)
+        place.give(self._given)
+        shown = _progress.progress("tasks") if progress is True else nullcontext(progress or (lambda done, total: None))
         threads = torch.get_num_threads()
         try:
-            with executors.executor(executor, workers) as working:
-                _Run(self, place, origin, working, retry, report).work()
+            with executors.executor(executor, workers) as working, shown as report:
+                running.work_off(
+                    blocks({**origin, "folder": str(self.folder.absolute())}, place.folder),
+                    self.estimators,
+                    place,
+                    working,
+                    limit=self.time_limit,
+                    retry=retry,
+                    report=report,
+                )
         finally:
             # Cells worked off in this process compute with one.
             torch.set_num_threads(threads)
         # Not claimed again: another run may have let the store grow meanwhile.
-        return results.gather(self, place, origin)
+        return results.gather(place, origin)
 
-    def gather(self, store: str | Path) -> xr.Dataset:
-        """What a store holds of this study; cells that are missing count as failed.
+    def origin(self) -> Table:
+        """All that decides the results: the config, and hashes of every embodiment and its URDF.
 
         Raises:
-            OutputRefused: As :meth:`run`.
+            InvalidConfig: An embodiment or an estimator that cannot be built.
         """
-        origin = self.origin()
-        place = Store.claim(Path(store), origin, self.folder)
-        return results.gather(self, place, origin)
+        bodies = {name: self._load(table) for name, table in self.embodiments.items()}
+        for body in bodies.values():
+            # What a setting's value makes impossible is said before anything is computed.
+            for table in self.estimators.values():
+                row = cells.row_of(table, self.folder)
+                if row.estimator is not None and not row.told:
+                    ESTIMATOR.build(row.estimator, self.folder, body)
+        return {
+            "config": self.table(),
+            "urdf_sha256": {name: body.robot.sha256 if body else "" for name, body in bodies.items()},
+            "embodiment_sha256": {name: body.sha256 if body else "" for name, body in bodies.items()},
+            "skin_shape": {name: list(body.skin.shape) if body and body.skin else [] for name, body in bodies.items()},
+        }
 
-    def grounds(self, origin: Mapping[str, Any]) -> Iterator[tuple[int, Ground]]:
-        """Every block of every recording of every embodiment, and the number of the block."""
-        blocks = [self.all_seeds[first : first + self.block] for first in range(0, len(self.all_seeds), self.block)]
-        for embodiment in self.embodiments:
-            body = dict(self.embodiments[embodiment], embodiment=self._place(embodiment))
-            for recording, motions in self.recordings.items():
-                for number, seeds in enumerate(blocks):
-                    yield (
-                        number,
-                        Ground(
-                            embodiment=embodiment,
-                            recording=recording,
-                            seeds=seeds,
-                            body=body,
-                            sha256=origin["embodiment_sha256"][embodiment],
-                            motions=motions,
-                            probes=self.probes,
-                            entropy=self.seed,
-                            excitation_cut=self.excitation_cut,
-                            per_posture=self.per_posture,
-                            first_maps=self.first_maps if set(self.metrics) & set(scores.MAP_SCORES) else 0,
-                        ),
-                    )
-
-    def _place(self, embodiment: str) -> str:
-        """Name of an embodiment, or its path from here."""
-        named: str = self.embodiments[embodiment]["embodiment"]
-        return str((self.folder / named).absolute()) if named.endswith(".toml") else named
-
-    def _load(self, embodiment: str) -> Any:
-        return load_embodiment(self._place(embodiment), self.embodiments[embodiment].get("backend"))
+    def _load(self, table: Table) -> Embodiment | None:
+        if "given" in table:
+            if table["given"] not in self._given:
+                raise InvalidConfig(
+                    f"embodiment {table['given'][:12]} was handed to another study; give it to this one"
+                )
+            return self._given[table["given"]]
+        place = cells.body_place(table, self.folder, Path())
+        return load_embodiment(place, table.get("backend")) if place else None
 
 
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """Something to hand out: the scene of a ground, or one estimator's cell on it."""
-
-    block: int
-    ground: Ground
-    estimator: str | None = None
-    scene: Scene | None = None
-
-
-class _Run:
-    """One run: hands out tasks, writes what comes back at once."""
-
-    def __init__(
-        self,
-        study: Study,
-        store: Store,
-        origin: Mapping[str, Any],
-        executor: Executor,
-        retry: bool,
-        report: Callable[[int, int], None],
-    ) -> None:
-        self.study, self.store, self.executor, self.report = study, store, executor, report
-        self.attributes = results.attributes(origin)
-        self.missing: dict[tuple[str, str, int], list[str]] = {}
-        self.tasks: deque[_Task] = deque()
-        self.done = self.total = 0
-        for block, ground in study.grounds(origin):
-            missing = [name for name in study.estimators if self._is_missing(block, ground, name, retry)]
-            if missing:
-                self.missing[ground.embodiment, ground.recording, block] = missing
-                self.tasks.append(_Task(block, ground))
-                self.total += 1 + len(missing)
-
-    def work(self) -> None:
-        """Until nothing is missing."""
-        most = 1 if isinstance(self.executor, executors.InProcess) else _IN_FLIGHT
-        pending: dict[Future[Any], _Task] = {}
-        self.report(0, self.total)
-        try:
-            while self.tasks or pending:
-                while self.tasks and len(pending) < most:
-                    task = self.tasks.popleft()
-                    if task.scene is None and self.store.scene(task.ground, task.block).exists():
-                        self._stand_on(task, self.store.read_scene(task.ground, task.block))
-                    else:
-                        pending[self._submit(task)] = task
-                for future in wait(pending, return_when=FIRST_COMPLETED).done if pending else ():
-                    self._take(pending.pop(future), future)
-        finally:
-            for future in pending:
-                future.cancel()
-
-    def _is_missing(self, block: int, ground: Ground, estimator: str, retry: bool) -> bool:
-        path = self.store.cell(ground, block, estimator)
-        return not path.exists() or (retry and bool((store.read(path)["failure"] != "").any()))
-
-    def _submit(self, task: _Task) -> Future[Any]:
-        limit = self.study.time_limit
-        if task.scene is None or task.estimator is None:
-            return executors.submit(self.executor, None, None, cells.make_scene, task.ground)
-        table = self.study.estimators[task.estimator]
-        arguments = task.ground, task.scene, task.estimator, table, self.study.metrics
-        return executors.submit(self.executor, limit, cells.load_body, cells.run_cell, *arguments)
-
-    def _take(self, task: _Task, future: Future[Any]) -> None:
-        problem = future.exception()
-        if isinstance(problem, executors.NoWorker):
-            raise problem
-        if task.estimator is not None:
-            found = (
-                future.result()
-                if problem is None
-                else cells.failed(task.ground, self.study.metrics, cells.describe(problem))
-            )
-            self._write(task, task.estimator, found)
-            return
-        scene = cells.describe(problem) if problem is not None else future.result()
-        if isinstance(scene, Scene):
-            self.store.write_scene(task.ground, task.block, scene, self.attributes)
-            recordings = {role: scene.recordings[role] for role in task.ground.roles}
-            self._stand_on(task, Scene(recordings, scene.facts))
-            return
-        self._done()
-        for name in self._missing(task):
-            failed = cells.failed(task.ground, self.study.metrics, f"no recordings: {scene}")
-            self._write(task, name, failed)
-
-    def _stand_on(self, task: _Task, scene: Scene) -> None:
-        """The ground is there: its cells come next."""
-        self._done()
-        self.tasks.extendleft(_Task(task.block, task.ground, name, scene) for name in reversed(self._missing(task)))
-
-    def _missing(self, task: _Task) -> list[str]:
-        return self.missing[task.ground.embodiment, task.ground.recording, task.block]
-
-    def _write(self, task: _Task, estimator: str, found: xr.Dataset) -> None:
-        store.write(found.assign_attrs(self.attributes), self.store.cell(task.ground, task.block, estimator))
-        self._done()
-
-    def _done(self) -> None:
-        self.done += 1
-        self.report(self.done, self.total)
-
-
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+def _with_paths(value: Any, names: Mapping[str, str]) -> Any:
+    """A table in which hashes of what was handed over are the names of its files."""
+    if isinstance(value, Mapping):
+        if list(value)[:1] == ["given"] and value["given"] in names:
+            return {"embodiment": names[value["given"]], **{k: v for k, v in value.items() if k != "given"}}
+        return {key: _with_paths(item, names) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_with_paths(item, names) for item in value]
+    return names.get(value, value) if isinstance(value, str) else value

@@ -27,10 +27,11 @@ from bodyimage_kin.estimators import Pairs
 from bodyimage_kin.metrics import displacement_error
 from bodyimage_kin.metrics.held_out import HeldOut, hold_out
 from bodyimage_kin.recordings.schema import experience
-from bodyimage_kin.study import specs
-from bodyimage_kin.study.cells import describe, fit_all, stream
+from bodyimage_kin.study.cells import fit_all
+from bodyimage_kin.study.grid import stream
 from bodyimage_kin.study.spaces import SPACES, checked_space, draw
-from bodyimage_kin.study.specs import Table
+from bodyimage_kin.study.specs import ESTIMATOR, Table, written
+from bodyimage_kin.study.store import said
 
 _FORM = {"format": "bodyimage_kin tuning", "version": 1}
 _ROUNDING = 1e-6
@@ -121,7 +122,7 @@ class Tuned:
                 Candidate(dict(one["settings"]), tuple(map(float, one["errors"])), one["failure"], one["seconds"])
                 for one in table["candidates"]
             )
-            chosen = specs.estimator_table(table["chosen"])
+            chosen = ESTIMATOR.table(table["chosen"])
             facts = [table[name] for name in ("space", "budget", "seed", "folds", "criterion")]
         except (KeyError, TypeError, ValueError) as problem:
             raise InvalidConfig(f"no record of a tuning: {type(problem).__name__} {problem}") from None
@@ -162,7 +163,7 @@ def tune(
     _checks.whole("budget", budget, least=1)
     _checks.whole("folds", folds, least=2)
     _checks.whole("seed", seed, least=0)
-    ((name, base),) = specs.estimator_table(spec).items()
+    ((name, base),) = ESTIMATOR.table(spec).items()
     space = checked_space(name, _space_of(name) if space is None else space)
     given = _as_given(name, base, space, body)
     taught = [hold_out(experience(one), folds) for one in experiences]
@@ -176,7 +177,7 @@ def tune(
     best = min(tried, key=Candidate.score)
     if not best.errors:
         raise InvalidConfig(f"estimator {name}: no candidate succeeded; the first: {tried[0].failure}")
-    chosen = specs.estimator_table({name: base | dict(best.settings)})
+    chosen = ESTIMATOR.table({name: base | dict(best.settings)})
     return Tuned(chosen, tried, space, budget, seed, folds, _CRITERION.format(folds=folds))
 
 
@@ -220,13 +221,13 @@ def _space_of(name: str) -> Table:
 
 def _as_given(name: str, base: Table, space: Table, body: Embodiment | None) -> Table:
     """What the space names, as the spec has it."""
-    if body is None and specs.wants_body({name: base}):
+    if body is None and ESTIMATOR.wants_body({name: base}):
         raise InvalidConfig(f"estimator {name} wants an embodiment; give body=")
-    known = inspect.signature(type(specs.build_estimator({name: base}, body))).parameters
+    known = inspect.signature(type(ESTIMATOR.build({name: base}, body=body))).parameters
     for setting in space:
         if setting not in known:
             raise InvalidConfig(str(UnknownName(f"setting of estimator {name}", setting, known)))
-    return {setting: specs.plain(setting, base.get(setting, known[setting].default)) for setting in space}
+    return {setting: written(setting, base.get(setting, known[setting].default)) for setting in space}
 
 
 def _candidates(name: str, given: Table, space: Table, budget: int, seed: int) -> list[Table]:
@@ -254,13 +255,13 @@ def _try(
     errors: tuple[float, ...] = ()
     failure = ""
     try:
-        spec = specs.build_estimator(specs.estimator_table({name: base | settings}), body)
+        spec = ESTIMATOR.build(ESTIMATOR.table({name: base | settings}), body=body)
         learned = iter(fit_all(spec, [lesson.seen for one in taught for lesson in one], seeds))
         judged = [[_error(next(learned), lesson.hidden) for lesson in one] for one in taught]
         # Five digits: no choice hangs on how sums are rounded.
         errors = tuple(float(f"{max(float(np.mean(one)), _ROUNDING):.5g}") for one in judged)
     except (Exception, SystemExit) as problem:
-        failure = describe(problem)
+        failure = said(problem)
     return Candidate(settings, errors, failure, time.process_time() - begin)
 
 

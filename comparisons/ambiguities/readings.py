@@ -206,7 +206,7 @@ def reset_interval(world: World, duration: float, settings: Mapping[str, Any]) -
 def silence(world: World) -> dict[str, Scores]:
     """Whether touches or taxels are silent."""
     # The recording's own silence is undone, so that only the reading's is left.
-    spoken = replace(world, touch=world.touch.assign(taxel=world.touch["true_taxel"]))
+    spoken = replace(world, touch=world.touch.assign(touched=world.touch["true_touched"]))
     return _maps(
         {
             "a whole touch, 20%": {"silence": 0.2},

@@ -15,6 +15,7 @@ from networks import Network, Perceptron
 import bodyimage_kin as bk
 from bodyimage_kin.body_image import PostureSOM
 from bodyimage_kin.estimators import LearnedJacobian
+from bodyimage_kin.recordings import first_taxel
 
 Scores = Mapping[str, float]
 
@@ -82,7 +83,7 @@ class World:
     @cached_property
     def posture_som(self) -> PostureSOM:
         """The posture map's representative postures."""
-        touching = self.touch["true_q"].values[0][self.touch["true_taxel"].values[0] >= 0]
+        touching = self.touch["true_q"].values[0][first_taxel(self.touch, truth=True)[0] >= 0]
         return PostureSOM.fit(touching, (8, 8), self.seed)
 
 

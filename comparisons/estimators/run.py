@@ -18,9 +18,8 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin._files import write_text
-from bodyimage_kin._progress import progress
-from bodyimage_kin.study import chain
-from bodyimage_kin.study.scores import DEFAULT, MAP_SCORES
+from bodyimage_kin.study import Row, Simulation, chain
+from bodyimage_kin.study.scores import MAP_SCORES, default_scores
 
 HERE = Path(__file__).parent
 BASELINE = "paper_mlp"
@@ -42,10 +41,10 @@ TUNED = {
 }
 NULLS = {"zero": "Zero", "scaled": "Scaled", "rotated": "Rotated", "rank_one": "RankOne", "other_arm": "OtherArm"}
 PROBES = {
-    "on_circle": "on_circle",
-    "in_front": "in_front",
-    "on_face": "on_face",
-    "joint_space": {"joint_space": {"count": 20_000, "seed": 0}},
+    "on_circle": bk.probes.Training(),
+    "in_front": bk.probes.Face(distance=0.03),
+    "on_face": bk.probes.Face(),
+    "joint_space": bk.probes.JointSpace(count=20_000),
 }
 CHAIN = ("relative_error_use", "touch_trajectory_rmse", "map_error")
 
@@ -55,7 +54,7 @@ def estimators(best: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {
         "analytic": "Analytic",
         "least_squares": "LeastSquares",
-        "least_squares_scaled": {"LeastSquares": {"scale": depth_ratio()}},
+        "least_squares_scaled": Row("LeastSquares", told={"scale": "depth_ratio"}),
         # As in the paper: nothing tuned.
         "paper_mlp": {"PaperMLP": {"hidden": 10, "learning_rate": 0.2, "steps": 200}},
         "paper_mlp_500": {"PaperMLP": {"hidden": 10, "learning_rate": 0.2, "steps": 500}},
@@ -67,22 +66,17 @@ def estimators(best: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def depth_ratio() -> float:
-    """How much farther the hand is 3 cm in front of the face than on it: what a learner may be told."""
-    body = bk.load_embodiment("infant")
-    depth = body.hand_in_camera(body.touch_postures(range(body.skin.count), distance=0.03))[:, 2]
-    return round(float(depth.mean()) / body.camera.screen.distance, 3)
-
-
-def study(name: str, circle: Mapping[str, Any], best: Mapping[str, Mapping[str, Any]], seeds: int) -> bk.Study:
+def study(name: str, noise: Mapping[str, float], best: Mapping[str, Mapping[str, Any]], seeds: int) -> bk.Study:
     """The study of one condition."""
     return bk.Study(
         embodiments={"infant": "infant"},
         # Maps need the paper's 800 s of touches.
-        recordings={name: {"circle": dict(circle), "touch": {"duration": 800.0}}},
+        recordings={
+            name: Simulation(bk.motions.Circle(), bk.motions.RandomTouch(duration=800.0), noise=bk.Noise(**noise))
+        },
         estimators=estimators(best),
         probes=PROBES,
-        metrics=(*(name for name in DEFAULT if "by_posture" not in name), *MAP_SCORES, "trajectory_split"),
+        scores=(*default_scores(), *MAP_SCORES, "trajectory_split"),
         seeds=seeds,
     )
 
@@ -111,13 +105,12 @@ def main() -> None:
     conditions = json.loads((HERE / "tuning.json").read_text(encoding="utf-8"))["conditions"]
     chains = {}
     for name, condition in conditions.items():
-        one = study(name, condition["circle"], condition["best"], arguments.seeds)
+        one = study(name, condition["noise"], condition["best"], arguments.seeds)
         folder = arguments.publish / name
         folder.mkdir(parents=True, exist_ok=True)
         one.to_toml(folder / "study.toml")
         began = time.monotonic()
-        with progress(name) as report:
-            results = one.run(arguments.out / name, report=report)
+        results = one.run(arguments.out / name, progress=True)
         print(f"{name}: {time.monotonic() - began:.0f} s", flush=True)
         bk.report.write(results, arguments.out / name / "report.html", baseline=BASELINE)
         bk.report.publish(results, folder, baseline=BASELINE)

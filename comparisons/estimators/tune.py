@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 # Before numpy: one math thread a process, or results depend on how sums are divided among them.
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -22,18 +21,17 @@ import xarray as xr
 import bodyimage_kin as bk
 from bodyimage_kin.recordings import simulate_many
 from bodyimage_kin.recordings.schema import versions
-from bodyimage_kin.study import specs
-from bodyimage_kin.study.cells import stream
+from bodyimage_kin.study.grid import stream
 from bodyimage_kin.study.tuning import Tuned, tune, write_tuning
 
 HERE = Path(__file__).parent
 EMBODIMENT = "infant"
-CONDITIONS: Mapping[str, Mapping[str, Any]] = {
+CONDITIONS: Mapping[str, Mapping[str, float]] = {
     "noise_free": {},
-    "torque_noise": {"drag": {"torque_variance": 0.01}},
-    "noisy": {"drag": {"torque_variance": 0.01}, "encoder_noise": 1e-3, "image_noise": 2e-4},
+    "torque_noise": {"torque": 0.1},
+    "noisy": {"torque": 0.1, "encoder": 1e-3, "image": 2e-4},
 }
-"""Settings of the circle that is learned from. Each condition's own best is what its study takes: ``run.py``."""
+"""Noise of the circle that is learned from. Each condition's own best is what its study takes: ``run.py``."""
 RECORDINGS = 3
 """Of each condition."""
 SEED = 0
@@ -58,8 +56,8 @@ def setting() -> tuple[bk.Embodiment, Sequence[xr.Dataset]]:
     body = bk.load_embodiment(EMBODIMENT)
     experiences = []
     for condition, settings in CONDITIONS.items():
-        arguments = specs.motion_arguments("circle", specs.recording_table({"circle": settings})["circle"])
-        recordings = simulate_many(body, seeds=recording_seeds(condition), threads=1, **arguments)
+        circle, noise = bk.motions.Circle(), bk.Noise(**settings)
+        recordings = simulate_many(body, circle, recording_seeds(condition), noise=noise, threads=1)
         experiences += [bk.experience(recording) for recording in recordings]
     return body, experiences
 
@@ -81,7 +79,7 @@ def main() -> None:
         embodiment=EMBODIMENT,
         conditions={
             condition: {
-                "circle": dict(settings),
+                "noise": dict(settings),
                 "seeds": recording_seeds(condition),
                 "best": {name: dict(one.best(indices(condition)).settings) for name, one in tuned.items()},
             }

@@ -56,9 +56,9 @@ class ChangingJacobian:
 ours = {"least_squares": bk.estimators.LeastSquares(), "paper_mlp": "PaperMLP"}
 study = bk.Study(
     embodiments={"infant": "infant"},
-    recordings={"noisy": {"circle": {"drag": {"torque_variance": 0.01}}}},
+    recordings={"noisy": bk.study.Simulation(bk.motions.Circle(), noise=bk.Noise(torque=0.1))},
     estimators=ours | {"yours": f"{__name__}:LinearInPosture"},
-    probes={name: name for name in ("on_circle", "in_front", "on_face")},
+    probes=["training", "in_front", "on_face"],
     seeds=4,
 )
 with tempfile.TemporaryDirectory() as store:

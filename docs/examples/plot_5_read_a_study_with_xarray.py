@@ -14,19 +14,20 @@ import bodyimage_kin as bk
 from bodyimage_kin.figures import style
 from bodyimage_kin.study import compare
 
-touch = {"duration": 20.0}  # [s], where the metric is taken from
+circle = bk.motions.Circle()
 study = bk.Study(
     embodiments={"infant": "infant"},
     recordings={
-        "quiet": {"circle": {}, "touch": touch},
-        "noisy": {"circle": {"drag": {"torque_variance": 0.01}}, "touch": touch},
+        "quiet": circle,
+        "noisy": bk.study.Simulation(circle, noise=bk.Noise(torque=0.1)),
     },
+    use=bk.motions.RandomTouch(duration=20.0),  # where the metric is taken from
     estimators={
         "least_squares": "LeastSquares",
         "paper_mlp": "PaperMLP",
         "trig_ridge": bk.estimators.TrigRidge(),
     },
-    probes={name: name for name in ("on_circle", "in_front", "on_face")},
+    probes=["training", "in_front", "on_face"],
     seeds=5,
 )
 with tempfile.TemporaryDirectory() as store:  # in earnest, one that stays

@@ -8,7 +8,8 @@ import torch
 import xarray as xr
 
 from bodyimage_kin.body_image import PostureToImage, integrate
-from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording
+from bodyimage_kin.errors import DataWarning, InvalidArray, InvalidConfig, InvalidRecording
+from bodyimage_kin.estimators import ConstantJacobian
 
 P, M = 3, 2
 INITIAL = np.array([0.5, -0.25])
@@ -57,7 +58,7 @@ def experience(q, at_reference=None, m=M, **extra):
         {
             "q": (("trial", "time", "joint"), q),
             "at_reference": (("trial", "time"), resting),
-            "reference_image": (("axis",), np.linspace(0.1, 0.2, m)),
+            "reference_image": (("axis",), np.linspace(0.1, 0.2, m), {"units": "m"}),
             **extra,
         },
         coords={"time": np.arange(times) * 0.1},
@@ -217,7 +218,7 @@ def test_result_describes_itself(exp):
     assert hand.attrs["seed"] == 7
     assert hand.attrs["diagnostic"] == "true reset"
     assert json.loads(hand.attrs["integration"]) == {
-        "reset": "true", "method": "midpoint", "substeps": 2, "initial": None,
+        "reset": "true", "method": "midpoint", "substeps": 2, "initial": None, "path": "time",
     }  # fmt: skip
     np.testing.assert_array_equal(hand.time, exp.time)
     assert "diagnostic" not in integrate(exp, Curved()).attrs
@@ -231,8 +232,9 @@ def test_the_order_of_dimensions_does_not_matter(exp):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"reset": "sometimes"}, "reset='sometimes'.*reference, posture_map, secant, true, none"),
-        ({"method": "rk4"}, "method='rk4'.*euler, midpoint"),
+        ({"reset": "sometimes"}, "reset='sometimes'.*'reference', 'posture_map', 'secant', 'true', 'none'"),
+        ({"method": "rk4"}, "method='rk4'.*'euler', 'midpoint'"),
+        ({"path": "spiral"}, "path='spiral'.*'time', 'star'"),
         ({"substeps": 0}, "substeps=0.*at least 1"),
         ({"substeps": True}, "substeps=True"),
         ({"reset": "posture_map"}, "needs posture_map"),
@@ -252,7 +254,8 @@ def test_refuses_recordings(exp):
     for empty in (exp.isel(time=slice(0)), exp.isel(trial=slice(0)), exp.assign(q=exp.q * np.nan)):
         with pytest.raises(InvalidRecording, match="no samples"):
             integrate(empty, Curved())
-    with pytest.raises(InvalidRecording, match=r"xarray\.Dataset"):
+    # Types are refused before, where they are checked at run time.
+    with pytest.raises((InvalidRecording, TypeError), match=r"xarray\.(core\.dataset\.)?Dataset"):
         integrate({"q": 1}, Curved())
     with pytest.raises(InvalidRecording, match="dimensions"):
         integrate(exp.rename(joint="joints"), Curved())
@@ -261,12 +264,114 @@ def test_refuses_recordings(exp):
 def test_refuses_arrays(exp):
     with pytest.raises(InvalidArray, match=r"initial has shape \(3,\); give \(2,\) or \(3, 2\)"):
         integrate(exp, Curved(), initial=np.zeros(3))
-    with pytest.raises(InvalidArray, match="initial holds int64"):
-        integrate(exp, Curved(), initial=np.zeros(2, int))
+    with pytest.raises(InvalidArray, match="initial holds bool"):
+        integrate(exp, Curved(), initial=np.zeros(2, bool))
     with pytest.raises(InvalidArray, match=r"learned\.displacement has shape"):
         integrate(exp, Constant(np.ones((3, P))))
     with pytest.raises(InvalidArray, match="posture_map has shape"):
         integrate(exp, Curved(), "posture_map", posture_map=lambda q: q)
+
+
+# A reset of one's own, and none at all -------------------------------------------------------------------------------
+
+
+def test_a_function_resets_by_what_is_felt_and_sees_no_truth(exp):
+    given = []
+
+    def by_touch(felt):
+        given.append(felt)
+        return np.stack([felt.touched.values[:, 0], felt.q.values.sum(-1)], axis=-1)
+
+    touched = np.arange(120).reshape(3, 40, 1)
+    exp = exp.assign(touched=(("trial", "time", "contact"), touched))
+    hand = integrate(exp, Curved(), by_touch)
+    (felt,) = given
+    at = exp.at_reference.values
+    assert felt.sizes["sample"] == at.sum()
+    assert felt.q.dims == ("sample", "joint")
+    assert not [name for name in felt.variables if str(name).startswith("true_")]
+    np.testing.assert_array_equal(hand.values[at][:, 0], touched[..., 0][at])
+    np.testing.assert_array_equal(hand.values[at][:, 1], exp.q.values[at].sum(-1))
+    # F of the posture alone is such a function.
+    mapped = integrate(exp, Curved(), lambda felt: image(felt.q.values))
+    np.testing.assert_array_equal(mapped, integrate(exp, Curved(), "posture_map", posture_map=image))
+    assert json.loads(hand.attrs["integration"])["reset"] == "by_touch"
+    with pytest.raises(InvalidArray, match="the value of reset has shape"):
+        integrate(exp, Curved(), lambda felt: felt.q.values)
+
+
+def test_where_nothing_tells_where_to_begin_it_is_said(exp):
+    nowhere = exp.assign(at_reference=exp.at_reference & False)
+    with pytest.raises(InvalidRecording, match="the estimate begins nowhere; give initial="):
+        integrate(nowhere, Curved())
+    with pytest.raises(InvalidRecording, match="give reset='none' and initial="):
+        integrate(exp.drop_vars("at_reference"), Curved())
+    one = exp.at_reference.copy(deep=True)
+    one.values[:2] = False
+    with pytest.warns(DataWarning, match="in 2 of 3 trials the hand never rests at the reference"):
+        hand = integrate(exp.assign(at_reference=one), Curved())
+    np.testing.assert_array_equal(np.isfinite(hand).any(("time", "axis")), [False, False, True])
+    assert np.isfinite(integrate(nowhere, Curved(), initial=INITIAL)).any()
+
+
+def test_the_unit_is_that_of_the_hand_image(exp):
+    pixels = exp.reference_image.assign_attrs(units="px")
+    assert integrate(exp.assign(reference_image=pixels), Curved()).attrs["units"] == "px"
+    learned = ConstantJacobian(torch.ones(M, P, dtype=torch.float64), unit="mm")
+    bare = exp.drop_vars("reference_image")
+    assert integrate(bare, learned, "none", initial=INITIAL).attrs["units"] == "mm"
+
+
+def test_whole_numbers_are_numbers(exp):
+    np.testing.assert_array_equal(
+        integrate(exp, Curved(), initial=[1, 2]), integrate(exp, Curved(), initial=[1.0, 2.0])
+    )
+
+
+# Scattered postures --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def touches():
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-0.5, 0.5, (1, 50, P))
+    q[0, 7] = np.nan
+    resting = np.zeros((1, 50), bool)
+    resting[0, [11, 30]] = True
+    return experience(q, resting).assign_attrs(order="scattered")
+
+
+def test_a_star_reaches_each_posture_straight_from_one_reference(touches):
+    hand = integrate(touches, Exact(), path="star")
+    q = touches.q.values[0]
+    origin = min((11, 30), key=lambda row: tuple(q[row]))
+    expected = touches.reference_image.values + image(q) - image(q[origin])
+    np.testing.assert_allclose(hand[0], expected, atol=1e-4)
+    np.testing.assert_array_equal(hand[0, origin], touches.reference_image)
+    setting = json.loads(hand.attrs["integration"])
+    assert (setting["path"], setting["method"], setting["substeps"]) == ("star", "midpoint", 40)
+    # Forty steps at midpoints: sixteen hundred times nearer than one.
+    coarse = np.nanmax(np.abs(integrate(touches, Exact(), path="star", substeps=1).values[0] - expected))
+    assert np.nanmax(np.abs(hand.values[0] - expected)) < 1e-3 * coarse
+
+
+def test_a_star_is_the_same_however_its_rows_are_ordered(touches):
+    order = np.random.default_rng(0).permutation(50)
+    hand, mixed = integrate(touches, Curved(), path="star"), integrate(touches.isel(time=order), Curved(), path="star")
+    np.testing.assert_allclose(mixed[0], hand[0].values[order], rtol=1e-12)
+
+
+def test_a_star_begins_at_the_first_sample_where_its_image_is_given(touches):
+    hand = integrate(touches, Exact(), "none", initial=INITIAL, path="star")
+    q = touches.q.values[0]
+    np.testing.assert_allclose(hand[0], INITIAL + image(q) - image(q[0]), atol=1e-4)
+
+
+def test_a_scattered_recording_has_no_path_in_time(touches):
+    with pytest.raises(InvalidRecording, match="give path='star'"):
+        integrate(touches, Exact())
+    with pytest.raises(InvalidRecording, match="begins nowhere"):
+        integrate(touches.assign(at_reference=touches.at_reference & False), Exact(), path="star")
 
 
 def test_posture_to_image_learns_from_seen_samples_alone():

@@ -25,9 +25,8 @@ def experience(taxels, q=None, seen=None):
     taxels = np.atleast_2d(np.asarray(taxels))
     q = np.random.default_rng(0).normal(size=(*taxels.shape, 3)) if q is None else q
     seen = np.full((*taxels.shape, 2), np.nan) if seen is None else seen
-    return xr.Dataset(
-        {"q": (("trial", "time", "joint"), q), "taxel": (("trial", "time"), taxels), "hand_image": (DIMS, seen)}
-    )
+    touched = (("trial", "time", "contact"), taxels[..., None])
+    return xr.Dataset({"q": (("trial", "time", "joint"), q), "touched": touched, "hand_image": (DIMS, seen)})
 
 
 @pytest.fixture(scope="module")
@@ -267,7 +266,7 @@ def test_hebbian_weights_by_hand():
 def test_hebbian_map_with_fine_cells_is_the_kernel_average(sight):
     exp, hand = sight
     fine = hebbian_map(exp, hand, cells=21, kernel="squared", silence=0.0)
-    expected = expected_map(PLACES, exp.taxel.values, kernel="squared")
+    expected = expected_map(PLACES, exp.touched.values[..., 0], kernel="squared")
     # Cells of 21 over the range hold one column of taxels each; their centres are squeezed by 20/21.
     middle = PLACES.mean(axis=0)
     np.testing.assert_allclose(fine.tactile_map - middle, (expected - middle) * 20 / 21, atol=1e-12)
@@ -311,8 +310,8 @@ def test_refuses_recordings_and_arrays():
     for wrong in (hand[0], hand[:, :1], hand.astype(int), xr.DataArray(hand, dims=("trial", "time", "x"))):
         with pytest.raises(InvalidArray, match="hand"):
             small(exp, wrong)
-    with pytest.raises(InvalidRecording, match="no variable 'taxel'"):
-        small(exp.drop_vars("taxel"), hand)
+    with pytest.raises(InvalidRecording, match="no variable 'touched'"):
+        small(exp.drop_vars("touched"), hand)
     with pytest.raises(InvalidRecording, match="no touches"):
         small(experience([-1, -1]), hand)
     with pytest.raises(InvalidRecording, match="give image_range"):
@@ -345,7 +344,7 @@ def test_a_trial_is_learned_as_if_it_were_alone():
 def test_many_maps_are_each_as_if_learned_alone(sight, threads):
     exp, hand = sight
     other = experience(np.random.default_rng(5).integers(0, 441, 500))
-    hands = [hand, PLACES[other["taxel"].values]]
+    hands = [hand, PLACES[other["touched"].values[..., 0]]]
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:

@@ -145,7 +145,7 @@ def test_an_unknown_order_is_refused():
 
 def test_blocks_are_counted():
     exp = scattered(*cloud(30))
-    with pytest.raises(InvalidRecording, match="'block' holds float64"):
+    with pytest.raises(InvalidRecording, match="'block' holds numbers that are not whole"):
         pairs(exp.assign(block=exp.block * 1.5))
 
 
@@ -190,7 +190,7 @@ def poses(body):
     generator = torch.Generator().manual_seed(0)
     q = body.felt_home + 0.15 * torch.randn(120, body.p, generator=generator, dtype=torch.float64)
     q = q[body.hand_in_camera(q)[:, 2] > 0.03][:70]
-    return scattered(q.numpy(), body.hand_image(q).numpy())
+    return scattered(q.numpy(), body.hand_image(q).numpy()).assign_coords(joint=list(body.joints))
 
 
 def test_every_estimator_is_asked():

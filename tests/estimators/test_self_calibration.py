@@ -6,7 +6,7 @@ import torch
 
 import bodyimage_kin as bk
 from bodyimage_kin.body.file import embodiment_folder
-from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.errors import UnknownName
 from bodyimage_kin.estimators import SelfCalibration
 from bodyimage_kin.estimators._chain import Chain
 from bodyimage_kin.estimators.self_calibration import CalibratedChain
@@ -99,5 +99,5 @@ def test_a_start_is_not_the_truth(body, circle):
 
 
 def test_a_body_of_other_joints_is_refused(strange, circle):
-    with pytest.raises(InvalidConfig, match="the body it was recorded with"):
+    with pytest.raises(UnknownName, match="no felt joint 'left_"):
         SelfCalibration(strange).fit(bk.experience(circle))

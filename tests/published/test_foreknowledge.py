@@ -438,7 +438,7 @@ def test_several_distances_are_trials_of_one_recording(body):
         alone = bk.simulate(body, bk.motions.Circle(distance=distance, turns=0.2), own, dynamics=False)
         one = seen.isel(trial=[trial], time=slice(0, alone.sizes["time"]))
         xr.testing.assert_equal(one.drop_vars("trial"), alone.drop_vars("trial"))
-        assert (seen["taxel"].values[trial, alone.sizes["time"] :] == -1).all()
+        assert (seen["touched"].values[trial, alone.sizes["time"] :] == -1).all()
         assert {name: one[name].dtype for name in one} == {name: alone[name].dtype for name in alone}
 
 

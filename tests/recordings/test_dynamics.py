@@ -11,7 +11,7 @@ import torch
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, InvalidURDF, Unreachable
-from bodyimage_kin.recordings import Drag, Noise, dynamics, mujoco_model, simulate, simulate_many
+from bodyimage_kin.recordings import Drag, Noise, dynamics, first_taxel, mujoco_model, simulate, simulate_many
 from bodyimage_kin.recordings.contacts import Contacts, find_contacts, nearest_on_shapes, touched_taxels
 from bodyimage_kin.recordings.dynamics import Course, drag
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
@@ -181,18 +181,18 @@ def test_halving_the_step_changes_the_circle_little(body):
 def test_the_hand_slides_on_the_skin_and_hardly_enters_it(body, touch):
     contacts = find_contacts(body.skin, hand_in_skin(body, touch.true_q.values[0]), body.hand.radius, 1e-3)
     assert contacts.penetration.max() < 1e-3
-    assert (touch.true_taxel >= 0).mean() > 0.95
-    assert len(np.unique(touch.true_taxel)) > 50
+    assert (touch.true_touched >= 0).mean() > 0.95
+    assert len(np.unique(touch.true_touched)) > 50
     quiet = simulate(body, FaceTour())
     contacts = find_contacts(body.skin, hand_in_skin(body, quiet.true_q.values[0]), body.hand.radius)
     assert contacts.penetration.max() < 1e-4
-    assert (quiet.true_taxel >= 0).all()
+    assert (quiet.true_touched >= 0).all()
     assert contacts.penetration[1:].min() > 0.0
 
 
 def test_touches_are_where_the_hand_is_led(body):
     tour = simulate(body, FaceTour())
-    visited = body.skin.coordinates(tour.true_taxel.values[0])
+    visited = body.skin.coordinates(first_taxel(tour, truth=True)[0])
     for name in ("mouth", "nose", "right_eye", "left_eye"):
         place = body.skin.coordinates(np.array([body.skin.landmarks[name]]))
         assert np.abs(visited - place).max(axis=1).min() <= 1.0, name
@@ -253,6 +253,15 @@ def test_noise_excites_what_a_quiet_circle_leaves_still(body):
     assert noisy[4] / noisy[0] > 0.1
 
 
+def test_the_longer_a_torque_is_held_the_more_it_moves(body):
+    quiet = simulate(body, Circle(turns=0.5)).true_q.values
+    brief, long = (
+        simulate(body, Circle(turns=0.5), noise=Noise(torque=0.1, torque_hold=hold)).true_q.values
+        for hold in (0.002, 0.1)
+    )
+    assert np.std(long - quiet) > 2 * np.std(brief - quiet) > 0.0
+
+
 # The same bits -------------------------------------------------------------------------------------------------------
 
 
@@ -261,7 +270,7 @@ def test_threads_and_company_change_no_bit(body):
     one = simulate(body, motion, seed=7, noise=NOISE)
     three = simulate(body, motion, seed=7, trials=3, noise=NOISE)
     assert one.true_q.identical(three.true_q[:1])
-    assert one.taxel.identical(three.taxel[:1])
+    assert one.touched.identical(three.touched[:1])
     for threads in (1, 2):
         together = simulate_many(body, motion, [6, 7, 8], noise=NOISE, threads=threads)
         assert together[1].identical(one)

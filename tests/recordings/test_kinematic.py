@@ -9,7 +9,7 @@ import torch
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, UnknownName, Unreachable
-from bodyimage_kin.recordings import check, schema
+from bodyimage_kin.recordings import check, first_taxel, schema
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
 from bodyimage_kin.recordings.paths import Timeline
 
@@ -63,8 +63,16 @@ def test_the_circle_goes_round_both_ways_at_constant_speed(body, circle):
     assert (x * dy - y * dx > 0).all()
 
 
+def test_each_circle_begins_at_a_phase_of_its_own(body):
+    rec = simulate(body, "circle", trials=6)
+    away = rec.true_hand_image.values[:, 0] - rec.true_hand_image.values.mean(axis=(0, 1))
+    phases = np.sort(np.arctan2(away[:, 1], away[:, 0]))
+    assert np.diff(phases).min() > 1e-3
+    assert np.ptp(phases) > 1.0
+
+
 def test_the_tour_visits_the_landmarks_in_order(body, tour):
-    taxels = tour.true_taxel.values[0]
+    taxels = first_taxel(tour, truth=True)[0]
     assert (taxels >= 0).all()
     order = [body.skin.landmarks[name] for name in bk.motions.TOUR]
     assert order == [body.skin.landmarks[n] for n in ("mouth", "nose", "right_eye", "left_eye", "nose")]
@@ -100,7 +108,7 @@ def test_random_touches_slide_at_constant_speed_and_rest_at_the_reference(body, 
     np.testing.assert_allclose(
         centres[resting], body.touch_centres([body.skin.reference]).numpy()[[0] * resting.sum()], atol=2e-9
     )
-    np.testing.assert_array_equal(touch.true_taxel.values[0][resting], body.skin.reference)
+    np.testing.assert_array_equal(first_taxel(touch, truth=True)[0][resting], body.skin.reference)
     # The hand starts with a rest of 0.5 s and sets out to return at the first target after every 10 s.
     starts = touch.time.values[np.flatnonzero(np.diff(resting.astype(int), prepend=0) == 1)]
     assert starts[0] == 0.0
@@ -110,7 +118,7 @@ def test_random_touches_slide_at_constant_speed_and_rest_at_the_reference(body, 
     lengths = np.diff(np.flatnonzero(np.diff(np.pad(resting, 1).astype(int))))[::2]
     assert set(lengths.tolist()) <= {5, 6}
     assert touch.sizes["time"] == 300
-    assert (touch.true_taxel.values >= 0).all()
+    assert (touch.true_touched.values >= 0).all()
 
 
 def test_targets_are_uniform_over_all_taxels(body, monkeypatch):
@@ -149,7 +157,7 @@ def test_the_truth_follows_from_the_true_postures(body, request, fixture):
     seen = np.isfinite(rec.hand_image.values).all(-1)
     np.testing.assert_array_equal(seen, body.visible(q).numpy())
     np.testing.assert_array_equal(seen, fixture == "circle")
-    np.testing.assert_array_equal(rec.true_taxel.values >= 0, fixture != "circle")
+    np.testing.assert_array_equal(first_taxel(rec, truth=True) >= 0, fixture != "circle")
     reference = body.hand_image(body.touch_postures([body.skin.reference]))[0].numpy()
     np.testing.assert_allclose(rec.reference_image.values, reference, atol=1e-15)
     # Joints move smoothly: a step of 0.1 s is a small one.
@@ -157,7 +165,7 @@ def test_the_truth_follows_from_the_true_postures(body, request, fixture):
 
 
 def test_a_touch_is_silent_with_the_stated_probability(touch):
-    felt, true = touch.taxel.values, touch.true_taxel.values
+    felt, true = first_taxel(touch), first_taxel(touch, truth=True)
     silent = felt == -1
     np.testing.assert_array_equal(felt[~silent], true[~silent])
     # 300 samples at 0.2: within four standard deviations.
@@ -166,11 +174,11 @@ def test_a_touch_is_silent_with_the_stated_probability(touch):
 
 @pytest.mark.parametrize(("silence", "share"), [(0.0, 0.0), (1.0, 1.0)])
 def test_all_touches_or_none_are_silent(body, silence, share):
-    assert (simulate(body, "random_touch", silence=silence).taxel.values == -1).mean() == share
+    assert (simulate(body, "random_touch", silence=silence).touched.values == -1).mean() == share
 
 
 def test_attributes_and_coordinates_tell_where_it_comes_from(body, circle):
-    assert circle.sizes == {"trial": 1, "time": circle.sizes["time"], "joint": 5, "axis": 2, "space": 3}
+    assert circle.sizes == {"trial": 1, "time": circle.sizes["time"], "joint": 5, "axis": 2, "space": 3, "contact": 1}
     assert tuple(circle.joint.values) == body.joints
     np.testing.assert_allclose(circle.time.values, 0.1 * np.arange(circle.sizes["time"]), atol=1e-12)
     attributes = circle.attrs
@@ -181,9 +189,9 @@ def test_attributes_and_coordinates_tell_where_it_comes_from(body, circle):
     assert {"pin", "torch", "numpy"} <= set(json.loads(attributes["versions"]))
     assert circle.q.attrs["units"] == "rad"
     assert circle.hand_image.attrs["units"] == "m"
-    assert circle.taxel.dtype.kind == "i"
+    assert circle.touched.dtype.kind == "i"
     assert circle.at_reference.dtype == bool
-    check(circle, truth=True)
+    assert check(circle) is circle
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -197,7 +205,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(body, kind)
 def test_a_trial_is_the_same_however_many_there_are(body, kind):
     one, three = simulate(body, kind, trials=1, seed=5), simulate(body, kind, trials=3, seed=5)
     alone = one.sizes["time"]
-    for name in (*schema.FELT, *schema.TRUE):
+    for name in one.data_vars:
         if name != "reference_image":
             np.testing.assert_array_equal(three[name].values[0, :alone], one[name].values[0])
     assert not np.array_equal(three.true_q.values[0, :5], three.true_q.values[1, :5])
@@ -213,7 +221,7 @@ def test_shorter_trials_are_padded(body, monkeypatch):
         assert np.isfinite(rec[name].values[0]).all()
         assert np.isfinite(rec[name].values[1, :short]).all()
         assert np.isnan(rec[name].values[1, short:]).all()
-    for name, filling in (("taxel", -1), ("true_taxel", -1), ("at_reference", False)):
+    for name, filling in (("touched", -1), ("true_touched", -1), ("at_reference", False)):
         assert (rec[name].values[1, short:] == filling).all()
 
 
@@ -221,7 +229,7 @@ def test_shorter_trials_are_padded(body, monkeypatch):
 def test_noise_changes_what_is_felt_and_nothing_else(body, kind):
     clean = simulate(body, kind, seed=2)
     noisy = simulate(body, kind, seed=2, noise=bk.Noise(encoder=1e-3, image=2e-4))
-    for name in (*schema.TRUE, "taxel", "at_reference", "reference_image"):
+    for name in (*schema.TRUE, "touched", "at_reference", "reference_image"):
         np.testing.assert_array_equal(noisy[name].values, clean[name].values)
     assert np.std(noisy.q.values - noisy.true_q.values) == pytest.approx(1e-3, rel=0.2)
     if kind == "circle":
@@ -233,7 +241,7 @@ def test_noise_changes_what_is_felt_and_nothing_else(body, kind):
 
 def test_an_experience_has_no_truth(circle):
     exp = bk.experience(circle)
-    assert set(exp.data_vars) == set(schema.FELT)
+    assert set(exp.data_vars) == {"q", "hand_image", "touched", "at_reference", "reference_image"}
     assert not [name for name in exp.variables if str(name).startswith("true")]
     assert exp.attrs == circle.attrs
     assert bk.experience(exp).identical(exp)

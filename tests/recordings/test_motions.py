@@ -190,8 +190,8 @@ def test_a_figure_of_ones_own_is_drawn_in_view_and_learned_from(body, dynamics, 
 @pytest.mark.parametrize("dynamics", [False, True])
 def test_a_touch_of_ones_own_is_felt_and_may_be_silent(body, dynamics):
     recording = bk.simulate(body, Resting(), seed=1, dynamics=dynamics)
-    assert (recording.true_taxel == body.skin.reference).mean() > 0.95
-    silent = (recording.taxel == -1) & (recording.true_taxel >= 0)
+    assert (recording.true_touched == body.skin.reference).mean() > 0.95
+    silent = (recording.touched == -1) & (recording.true_touched >= 0)
     assert 0.1 < silent.mean() < 0.4
     assert np.isnan(recording.hand_image).all()
 

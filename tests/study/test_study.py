@@ -16,23 +16,23 @@ import bodyimage_kin as bk
 from bodyimage_kin.body.file import embodiment_folder
 from bodyimage_kin.cli import study as commands
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, OutputRefused, UnknownName
-from bodyimage_kin.recordings import read_recording
-from bodyimage_kin.study import Study, specs, statistics, summary
+from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
+from bodyimage_kin.study import PROBES, Row, Simulation, Study, read_study, recording_of, specs, statistics, summary
 from bodyimage_kin.study.results import MISSING
+
+STILL = Simulation(Circle(turns=0.5), RandomTouch(duration=5.0), FaceTour(speed=0.2), dynamics=False)
 
 
 def small(**changes):
     """A study that takes seconds."""
     asked = {
         "embodiments": {"infant": "infant"},
-        "recordings": {
-            "still": {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 5.0}, "tour": {"speed": 0.2}}
-        },
+        "recordings": {"still": STILL},
         "estimators": {"flat": "LeastSquares", "paper": {"PaperMLP": {"steps": 20}}, "truth": "Analytic"},
         "seeds": 3,
         "block": 2,
         "per_posture": True,
-        "probes": {**specs.PROBES, "joint_space": {"joint_space": {"count": 100}}},
+        "probes": {**PROBES, "joint_space": bk.probes.JointSpace(100)},
     }
     return Study(**asked | changes)
 
@@ -60,8 +60,18 @@ def test_a_study_is_read_as_it_was_written(tmp_path):
             "many": bk.estimators.Ensemble(bk.estimators.PaperMLP(steps=7), members=3),
             "odd": odd_estimators.Odd("nan"),
             "plain": {"odd_estimators:Plain": {"scale": 2.0}},
+            "told": Row(bk.estimators.LeastSquares(), told={"scale": "depth_ratio"}, on=("bare", "infant/deep")),
+            "integrated": Row("Analytic", method="midpoint", substeps=2, reset="none", maps={"gamma": 1.0}),
+            "direct": Row(),
         },
-        recordings={"dragged": {"circle": {"dynamics": True, "drag": {"torque_variance": 0.01}}}},
+        recordings={
+            "dragged": Simulation(Circle(), dynamics=bk.Drag(stiffness=50.0), noise=bk.Noise(torque=0.1)),
+            "deep": Simulation((Circle(distance=0.02), Circle(distance=0.05)), stream="deep"),
+            "bare": "Circle",
+        },
+        first_maps={3: 10},
+        maps={"kernel": "plain"},
+        facts=["depth_ratio"],
         time_limit=9.5,
         seeds=[7, 3],
     )
@@ -69,7 +79,7 @@ def test_a_study_is_read_as_it_was_written(tmp_path):
     read = Study.from_toml(tmp_path / "study.toml")
     assert read == study
     assert read.table() == study.table()
-    assert read.all_seeds == (7, 3)
+    assert read.seeds == (7, 3)
 
 
 @pytest.mark.parametrize("name", bk.estimators.names())
@@ -79,28 +89,30 @@ def test_every_estimator_survives_its_table(name, body):
         "Given": {"p": 5, "m": 2, "jacobian": "mine:jacobian"},
         "Saved": {"folder": "learned"},
     }
-    table = specs.estimator_table({name: needed[name]} if name in needed else name)
-    assert specs.estimator_table(specs.build_estimator(table, body)) == table
+    table = specs.ESTIMATOR.table({name: needed[name]} if name in needed else name)
+    assert specs.ESTIMATOR.table(specs.ESTIMATOR.build(table, body=body)) == table
 
 
 def test_touch_and_tour_move_as_the_motion_that_is_learned_from():
-    table = specs.recording_table({"circle": {"dynamics": True, "image_noise": 1e-4}, "tour": {"image_noise": 0.0}})
-    assert table["touch"]["dynamics"] is True
-    assert table["touch"]["drag"] == table["circle"]["drag"]
-    assert (table["touch"]["image_noise"], table["tour"]["image_noise"]) == (1e-4, 0.0)
+    table = small(recordings={"quick": Circle(speed=0.1, sampling=0.05)}).recordings["quick"]
+    for role, name in (("use", "RandomTouch"), ("tour", "FaceTour")):
+        assert (table[role][name]["speed"], table[role][name]["sampling"]) == (0.1, 0.05)
+    assert table["use"]["RandomTouch"]["duration"] == 80.0
+    # What a study says of the touches holds where an entry says nothing of its own.
+    both = small(use=RandomTouch(duration=7.0), recordings={"a": Circle(), "b": STILL}).recordings
+    assert [both[name]["use"]["RandomTouch"]["duration"] for name in ("a", "b")] == [7.0, 5.0]
 
 
 @pytest.mark.parametrize("never", [None, "none"])
 def test_a_hand_that_never_returns_can_be_written(never, tmp_path):
-    study = small(
-        recordings={"still": {"circle": {"dynamics": False}, "touch": {"duration": 25.0, "reset_interval": never}}}
-    )
+    touch = {"RandomTouch": {"duration": 25.0, "reset_interval": never}}
+    study = small(recordings={"still": {"training": "Circle", "use": touch, "dynamics": False}})
     study.to_toml(tmp_path / "study.toml")
-    assert Study.from_toml(tmp_path / "study.toml") == study
-    settings = specs.motion_arguments("random_touch", study.recordings["still"]["touch"])
-    assert settings["motion"].reset_interval is None
-    touch = bk.simulate(bk.load_embodiment("infant"), **settings)
-    resets = touch["at_reference"].values[0]
+    read = Study.from_toml(tmp_path / "study.toml")
+    assert read == study
+    motion = specs.MOTION.build(read.recordings["still"]["use"])
+    assert motion.reset_interval is None
+    resets = bk.simulate(bk.load_embodiment("infant"), motion, dynamics=False)["at_reference"].values[0]
     assert resets[0]
     assert int((np.diff(resets.astype(int)) > 0).sum()) == 0
 
@@ -109,21 +121,27 @@ def test_a_hand_that_never_returns_can_be_written(never, tmp_path):
     ("changes", "message"),
     [
         ({"estimators": {"a": "LeastSquare"}}, "no estimator 'LeastSquare'; did you mean 'LeastSquares'"),
-        ({"estimators": {"a": {"PaperMLP": {"step": 3}}}}, "no setting of estimator 'PaperMLP' 'step'"),
+        ({"estimators": {"a": {"PaperMLP": {"step": 3}}}}, "no setting of estimator PaperMLP 'step'"),
         ({"estimators": {"a": {"PaperMLP": {"steps": -3}}}}, "steps=-3"),
         ({"estimators": {"a": "no_such_module:Thing"}}, "no_such_module"),
         ({"estimators": {"../a": "LeastSquares"}}, "estimator name '../a'"),
         ({"estimators": {}}, "estimators: give at least one"),
-        ({"recordings": {"a": {"circle": {"radios": 1.0}}}}, "did you mean 'radius'"),
-        ({"recordings": {"a": {"touch": {}}}}, "learned from one motion"),
-        ({"recordings": {"a": {"circle": {}, "touch": {"sampling": 0.2}}}}, "sampling"),
-        ({"recordings": {"a": {"circle": {"dynamics": False, "drag": {"stiffness": 9.0}}}}}, "dynamics=True"),
-        ({"recordings": {"a": {"circle": {}, "touch": {"duration": None}}}}, "duration=None: give a value"),
-        ({"recordings": {"a": {"circle": {"radius": "none"}}}}, "radius='none': give a value"),
+        ({"recordings": {"a": {"Circle": {"radios": 1.0}}}}, "did you mean 'radius'"),
+        ({"recordings": {"a": {"circle": {}}}}, "no motion 'circle'; did you mean 'Circle'"),
+        ({"recordings": {"a": {"training": "Circle", "touch": {}}}}, "no setting of recording 'a' 'touch'"),
+        ({"recordings": {"a": []}}, "give a motion or a recording"),
+        ({"recordings": {"a": {"training": "Circle", "use": {"RandomTouch": {"sampling": 0.2}}}}}, "sampling"),
+        ({"recordings": {"a": {"training": "Circle", "dynamics": False, "noise": {"torque": 0.1}}}}, "dynamics=true"),
+        ({"recordings": {"a": {"training": "Circle", "use": {"RandomTouch": {"duration": None}}}}}, "duration=None"),
+        ({"recordings": {"a": {"Circle": {"radius": "none"}}}}, "radius='none': give a number"),
+        ({"estimators": {"a": Row("Ridge", on=("stil",))}}, "did you mean 'still'"),
+        ({"estimators": {"a": Row("Ridge", told={"scale": "depth_ratio"})}}, "to be told 'scale'"),
+        ({"estimators": {"a": Row("LeastSquares", told={"scale": "depth"})}}, "no score 'depth'"),
+        ({"estimators": {"a": Row("Ridge", maps={"gama": 1.0})}}, "did you mean 'gamma'"),
         ({"first_maps": 0}, "first_maps=0"),
         ({"probes": {"a": "on_fase"}}, "no probe 'on_fase'"),
-        ({"probes": {"a": {"joint_space": {"count": 0}}}}, "count=0"),
-        ({"metrics": ["relative_eror"]}, "did you mean 'relative_error'"),
+        ({"probes": {"a": {"JointSpace": {"count": 0}}}}, "count=0"),
+        ({"scores": ["relative_eror"]}, "did you mean 'relative_error'"),
         ({"seeds": [1, 1]}, "none twice"),
         ({"seeds": 0}, "seeds="),
         ({"block": 0}, "block=0"),
@@ -172,12 +190,12 @@ def test_parts_sum_to_the_squared_error_and_postures_to_the_parts(done):
 
 def test_probes_leave_what_was_seen_step_by_step(done):
     results = done[1]
-    assert list(results["probe"].values) == ["on_circle", "in_front", "on_face", "joint_space"]
+    assert list(results["probe"].values) == ["training", "in_front", "on_face", "joint_space"]
     hand = results["hand_distance"].mean(("seed", "recording", "embodiment"))
     assert (np.diff(hand) > 0).all()
-    assert float(results["hand_distance"].sel(probe="on_circle").max()) == 0.0
+    assert float(results["hand_distance"].sel(probe="training").max()) == 0.0
     # Of the training postures themselves, the mean squared Mahalanobis distance is the number of joints.
-    away = results["mahalanobis_distance_by_posture"].sel(probe="on_circle")
+    away = results["mahalanobis_distance_by_posture"].sel(probe="training")
     assert float((away**2).mean()) == pytest.approx(5.0, rel=0.05)
     # On the face the hand is a good 2 cm nearer than on a circle 3 cm in front of it.
     assert 0.02 < float(hand.sel(probe="on_face")) < 0.08
@@ -197,7 +215,7 @@ def test_every_result_says_where_it_comes_from(done, body):
 def test_seeds_differ_and_estimators_share_their_recordings(done):
     _, results, store = done
     assert len(np.unique(results["relative_error"].sel(estimator="flat", probe="on_face"))) == 3
-    recording = read_recording(store / "recordings/infant/still/seed1_training.nc")
+    recording = recording_of(store, "still", 1)
     assert recording.attrs["motion"] == "Circle"
     seed = json.loads(recording.attrs["config"])["seed"]
     again = bk.simulate(bk.load_embodiment("infant"), bk.motions.Circle(turns=0.5), seed, dynamics=False)
@@ -221,15 +239,15 @@ def test_only_what_is_missing_is_computed_and_it_is_the_same(done, tmp_path):
     study, results, store = done
     copy = shutil.copytree(store, tmp_path / "copy")
     totals = []
-    xr.testing.assert_identical(study.run(copy, "in-process", report=lambda n, total: totals.append(total)), results)
+    xr.testing.assert_identical(study.run(copy, "in-process", progress=lambda n, total: totals.append(total)), results)
     assert max(totals) == 0
-    (copy / "cells/infant/still/paper/block1.nc").unlink()
-    assert (study.gather(copy)["failure"].sel(estimator="paper") == MISSING).values.ravel().tolist() == [
+    (copy / "cells/infant/still/paper/block1.part").unlink()
+    assert (read_study(copy)["failure"].sel(estimator="paper") == MISSING).values.ravel().tolist() == [
         False,
         False,
         True,
     ]
-    again = study.run(copy, "in-process", report=lambda n, total: totals.append(total))
+    again = study.run(copy, "in-process", progress=lambda n, total: totals.append(total))
     assert max(totals) == 2  # its ground, from the store, and the cell
     xr.testing.assert_identical(reproducible(again), reproducible(results))
 
@@ -242,8 +260,8 @@ def test_an_interrupted_run_keeps_what_is_done(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        study.run(tmp_path, "in-process", report=interrupt)
-    assert len(list(tmp_path.glob("cells/**/*.nc"))) == 1
+        study.run(tmp_path, "in-process", progress=interrupt)
+    assert len(list(tmp_path.glob("cells/**/*.part"))) == 1
     assert not list(tmp_path.glob("**/*.tmp"))
 
 
@@ -265,9 +283,9 @@ def test_another_config_or_robot_is_refused_with_the_difference(done, tmp_path):
 def test_a_store_grows_and_its_cells_stay_as_they_were(tmp_path):
     begun = small(seeds=[4, 2], estimators={"flat": "LeastSquares"}, probes={"on_face": "on_face"})
     first = begun.run(tmp_path, "in-process")
-    cells = {path: path.read_bytes() for path in tmp_path.glob("cells/**/*.nc")}
+    cells = {path: path.read_bytes() for path in tmp_path.glob("cells/**/*.part")}
     wider = {"flat": "LeastSquares", "truth": "Analytic"}
-    quick = {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 5.0}, "tour": {"speed": 0.3}}
+    quick = Simulation(Circle(turns=0.5), RandomTouch(duration=5.0), FaceTour(speed=0.3), dynamics=False)
     grown = small(
         seeds=[4, 2, 7],
         estimators=wider,
@@ -282,7 +300,7 @@ def test_a_store_grows_and_its_cells_stay_as_they_were(tmp_path):
     xr.testing.assert_identical(old.drop_attrs(), first.drop_attrs())
     # The store is now of the study that it grew into, and nothing is left to do.
     totals = []
-    grown.run(tmp_path, "in-process", report=lambda n, total: totals.append(total))
+    grown.run(tmp_path, "in-process", progress=lambda n, total: totals.append(total))
     assert max(totals) == 0
     with pytest.raises(OutputRefused, match=r"config\.estimators\.truth is only in the store"):
         begun.run(tmp_path, "in-process")
@@ -336,7 +354,8 @@ def test_the_commands_run_report_and_tell_how_far_it_is(tmp_path, capsys):
     (tmp_path / "study.toml").write_text(
         'seeds = 1\nembodiments.infant = "infant"\nestimators.flat = "LeastSquares"\n'
         'estimators.odd = "odd_estimators:Odd"\nprobes.on_face = "on_face"\n'
-        "[recordings.still]\ncircle = {turns = 0.5}\ntouch = {duration = 5.0}\ntour = {speed = 0.2}\n"
+        "[recordings.still]\ntraining.Circle = {turns = 0.5}\nuse.RandomTouch = {duration = 5.0}\n"
+        "tour.FaceTour = {speed = 0.2}\n"
     )
     out = tmp_path / "out"
     with pytest.raises(InvalidConfig, match="holds no study"):
@@ -350,7 +369,8 @@ def test_the_commands_run_report_and_tell_how_far_it_is(tmp_path, capsys):
     assert "nothing to learn" in (out / "report.html").read_text()
     with xr.open_dataset(out / "results.nc", engine="h5netcdf") as results:
         assert float(results["relative_error"].sel(estimator="flat").max()) > 0
-    recording = out / "recordings/infant/still/seed0_training.nc"
+    recording = tmp_path / "seen.nc"
+    bk.write_recording(recording_of(out, "still", 0), recording)
     assert commands.fit_command("LeastSquares", recording, tmp_path / "learned") == 0
     assert bk.load_learned(tmp_path / "learned").p == 5
     with ThreadPoolExecutor(1) as threads:

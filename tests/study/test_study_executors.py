@@ -10,7 +10,9 @@ import pytest
 import xarray as xr
 
 from bodyimage_kin.errors import InvalidConfig, MissingDependency
-from bodyimage_kin.study import Study, executors, summary
+from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
+from bodyimage_kin.study import Simulation, Study, executors, summary
+from bodyimage_kin.study.executors import Call
 
 WAYS = ("raises", "nan", "shape", "sleeps", "dies")
 
@@ -22,7 +24,7 @@ def asked():
     return Study(
         embodiments={"infant": "infant"},
         recordings={
-            "still": {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 5.0}, "tour": {"speed": 0.2}}
+            "still": Simulation(Circle(turns=0.5), RandomTouch(duration=5.0), FaceTour(speed=0.2), dynamics=False)
         },
         estimators={**odd, "paper": {"PaperMLP": {"steps": 20}}},
         seeds=1,
@@ -81,17 +83,17 @@ def test_a_dask_cluster_works_off_a_study(asked, by_pool, tmp_path):
 def test_where_nothing_can_be_killed_it_is_given_up():
     begin = time.monotonic()
     with pytest.raises(executors.TimeLimitExceeded, match=r"time limit of 0\.2 s"):
-        executors.within(0.2, None, time.sleep, 3.0)
+        executors.here(Call(time.sleep, (3.0,), limit=0.2))
     assert time.monotonic() - begin < 2.0
-    assert executors.within(5.0, None, max, 1, 2) == 2
+    assert executors.here(Call(max, (1, 2), limit=5.0)) == 2
     with pytest.raises(ZeroDivisionError):
-        executors.within(5.0, None, divmod, 1, 0)
+        executors.here(Call(divmod, (1, 0), limit=5.0))
 
 
 def test_a_pool_goes_on_after_an_error():
     pool = executors.KillablePool(1)
     wrong, fine = pool.submit(divmod, 1, 0), pool.submit(max, 1, 2)
-    late = pool.submit_within(60.0, len, max, [], 3, default=0)
+    late = pool.hand_out(Call(max, ([], 3), len, 60.0))
     pool.shutdown()
     assert str(wrong.exception()).startswith("ZeroDivisionError")
     assert fine.result() == 2

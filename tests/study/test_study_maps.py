@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 import bodyimage_kin as bk
-from bodyimage_kin.recordings import read_recording
-from bodyimage_kin.study import Study, cells, scores, specs
+from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
+from bodyimage_kin.study import Simulation, Study, grid, recording_of, scores, scoring
 from bodyimage_kin.study.maps import true_map
 
 ASKED = ("relative_error_use", "trajectory_rmse", *scores.MAP_SCORES)
@@ -22,12 +22,12 @@ def small(**changes):
     asked = {
         "embodiments": {"infant": "infant"},
         "recordings": {
-            "still": {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 20.0}, "tour": {"speed": 0.2}}
+            "still": Simulation(Circle(turns=0.5), RandomTouch(duration=20.0), FaceTour(speed=0.2), dynamics=False)
         },
         "estimators": {"flat": "LeastSquares", "truth": "Analytic", "seer": "odd_estimators:Seer"},
         "seeds": 2,
-        "probes": {"on_face": specs.PROBES["on_face"]},
-        "metrics": ASKED,
+        "probes": ["on_face"],
+        "scores": ASKED,
         "first_maps": 2,
     }
     return Study(**asked | changes)
@@ -43,14 +43,12 @@ def done(tmp_path_factory):
 
 def by_hand(store, seed, body, first_maps):
     """The maps of least squares and of direct sight by the public functions alone, and the true hand image."""
-    training, touch = (
-        read_recording(store / f"recordings/infant/still/seed{seed}_{role}.nc") for role in ("training", "touch")
-    )
+    training, touch = (recording_of(store, "still", seed, role) for role in ("training", "use"))
     learned = bk.estimators.LeastSquares().fit(bk.experience(training))
     felt = bk.experience(touch)
     hand = bk.integrate(felt, learned)
-    som_seed, *seeds = cells.stream(0, f"infant/still/{seed}/first maps", 1 + first_maps)
-    q = felt["q"].values[0][felt["taxel"].values[0] >= 0]
+    som_seed, *seeds = grid.stream(0, f"infant/still/{seed}/first maps", 1 + first_maps)
+    q = felt["q"].values[0][felt["touched"].values[0, :, 0] >= 0]
     seen = training["hand_image"].values.reshape(-1, 2)
     settings = {
         "posture_som": bk.body_image.PostureSOM.fit(q, (8, 8), som_seed),
@@ -123,12 +121,12 @@ def test_maps_cost_nothing_when_nobody_asks(done, tmp_path, monkeypatch):
         raise AssertionError("a map is learned")
 
     monkeypatch.setattr(bk.BodyImage, "learn", learn)
-    without = small(metrics=scores.DEFAULT, estimators={"flat": "LeastSquares"}, seeds=1)
+    without = small(scores=scoring.default_scores(), estimators={"flat": "LeastSquares"}, seeds=1)
     found = without.run(tmp_path, "in-process")
     assert set(found["failure"].values.ravel()) == {""}
     assert not set(scores.MAP_SCORES) & set(found)
     assert not [name for name in found if "map" in str(name)]
-    assert "map_error" not in json.loads(found.attrs["config"])["metrics"]
+    assert "map_error" not in json.loads(found.attrs["config"])["scores"]
     np.testing.assert_array_equal(
         found["relative_error_use"].sel(seed=0), done[1]["relative_error_use"].sel(seed=0, estimator=["flat"])
     )
@@ -160,14 +158,14 @@ def test_what_explodes_is_a_failure_and_no_score(tmp_path):
     }
     found = small(estimators=wild, seeds=1, first_maps=1).run(tmp_path, "in-process").squeeze()
     said = [one.item() for one in found["failure"]]
-    assert said[0].startswith("WrongResult: displacement on the tour is too large to be scored in")
-    assert said[1].startswith("WrongResult: displacement on the tour is too large to be scored in")
+    assert said[0].startswith("WrongResult: the integrated tour is not finite in")
+    assert said[1].startswith("WrongResult: jacobian at probe 'on_face' is too large to be scored in")
     assert said[2].startswith("WrongResult: the integrated touching is not finite in")
     assert np.isnan(found["trajectory_rmse"]).all()
     assert np.isnan(found["map_error"]).all()
 
 
 def test_a_recording_without_touches_says_so(tmp_path):
-    short = {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 0.2, "silence": 1.0}}
+    short = Simulation(Circle(turns=0.5), RandomTouch(duration=0.2, silence=1.0), dynamics=False)
     found = small(recordings={"still": short}, seeds=1).run(tmp_path, "in-process")
-    assert "let touch.duration be longer" in found["failure"].values.ravel()[0]
+    assert "let it touch for longer" in found["failure"].values.ravel()[0]

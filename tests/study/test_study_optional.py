@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin import metrics
 from bodyimage_kin.metrics import probes
-from bodyimage_kin.recordings import read_recording
-from bodyimage_kin.study import Study, scores, scoring, specs
+from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
+from bodyimage_kin.study import Simulation, Study, context, recording_of, scores, scoring
 
 
 @pytest.fixture(scope="module")
@@ -20,19 +19,18 @@ def done(tmp_path_factory):
     store = tmp_path_factory.mktemp("optional") / "run"
     study = Study(
         embodiments={"infant": "infant"},
-        recordings={"still": {"circle": {"turns": 1.0}, "touch": {"duration": 5.0}, "tour": {"speed": 0.2}}},
+        recordings={"still": Simulation(Circle(turns=1.0), RandomTouch(duration=5.0), FaceTour(speed=0.2))},
         estimators={"waving": "TrigRidge"},
         seeds=1,
-        probes={"on_face": "on_face", "joint_space": {"joint_space": {"count": 30}}},
-        metrics=["trajectory_rmse", "basin_by_posture", "trajectory_split"],
+        probes={"on_face": "on_face", "joint_space": probes.JointSpace(30)},
+        scores=["trajectory_rmse", "basin_by_posture", "trajectory_split"],
     )
     return study.run(store, "in-process"), store
 
 
 @pytest.fixture(scope="module")
 def learned(done):
-    training = read_recording(done[1] / "recordings/infant/still/seed0_training.nc")
-    return bk.estimators.TrigRidge().fit(bk.experience(training))
+    return bk.estimators.TrigRidge().fit(bk.experience(recording_of(done[1], "still", 0)))
 
 
 def test_the_basin_is_that_of_the_public_function(done, learned, body):
@@ -55,7 +53,7 @@ def test_the_basin_is_that_of_the_public_function(done, learned, body):
 
 def test_the_split_is_that_of_the_public_function(done, learned):
     results, store = done[0].squeeze(), done[1]
-    tour = read_recording(store / "recordings/infant/still/seed0_tour.nc")
+    tour = recording_of(store, "still", 0, "tour")
     wanted = metrics.error_split(
         tour["true_q"].values,
         tour["true_hand_image"].values,
@@ -85,21 +83,18 @@ def test_both_are_computed_only_when_they_are_named(monkeypatch, tmp_path):
     monkeypatch.setattr(metrics, "error_split", refuse)
     study = Study(
         embodiments={"infant": "infant"},
-        recordings={"still": {"circle": {"turns": 0.5, "dynamics": False}, "touch": {"duration": 5.0}}},
+        recordings={"still": Simulation(Circle(turns=0.5), RandomTouch(duration=5.0), dynamics=False)},
         estimators={"flat": "LeastSquares"},
         seeds=1,
         probes={"on_face": "on_face"},
     )
     assert study.run(tmp_path, "in-process")["failure"].item() == ""
-    assert not {"basin_by_posture", "trajectory_split", "map_error"} & set(study.metrics)
+    assert not {"basin_by_posture", "trajectory_split", "map_error"} & set(study.scores)
 
 
 def test_a_wide_probe_is_worked_off_in_parts_and_scores_the_same(done, learned, body, monkeypatch):
     store = done[1]
-    recordings = {
-        role: read_recording(store / f"recordings/infant/still/seed0_{role}.nc") for role in ("training", "tour")
-    }
-    facts = xr.open_dataset(store / "scenes/infant/still/block0.nc", engine="h5netcdf").load().isel(seed=0)
+    training, use, tour = (recording_of(store, "still", 0, role) for role in ("training", "use", "tour"))
     asked = []
 
     class Watched:
@@ -110,10 +105,9 @@ def test_a_wide_probe_is_worked_off_in_parts_and_scores_the_same(done, learned, 
             return learned.jacobian(q)
 
     def score(chunk):
-        monkeypatch.setattr(scoring, "_CHUNK", chunk)
-        tables = {"wide": specs.probe_table({"joint_space": {"count": 1000}})}
-        settings = {"excitation_cut": 0.1, "per_posture": True, "map_seeds": (), "keep": ()}
-        return scoring.score(body, recordings, facts, Watched(), tables, **settings)
+        monkeypatch.setattr(context, "_CHUNK", chunk)
+        wide = {"wide": probes.JointSpace(1000)}
+        return bk.score(Watched(), body, training, use, wide, tour=tour, scores=scoring.default_scores(True))
 
     whole, parts = score(5000), score(300)
     assert asked == [1000, 300, 300, 300, 100]

@@ -19,8 +19,8 @@ import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators import ConstantJacobian, Estimator, LeastSquares, Ridge, pairs
 from bodyimage_kin.metrics.held_out import hold_out, image_regions
-from bodyimage_kin.study import specs
 from bodyimage_kin.study.spaces import SPACES, checked_space, draw
+from bodyimage_kin.study.specs import ESTIMATOR
 from bodyimage_kin.study.tuning import read_tuning, tune, write_tuning
 
 PENALTIES = {"penalty": {"log_uniform": [1e-8, 1.0]}}
@@ -230,7 +230,7 @@ def test_one_setting_is_chosen_for_all_experiences_and_the_best_of_each_is_known
         assert found.best([0]).errors[0] <= one.errors[0]
         assert found.best([1]).errors[1] <= one.errors[1]
     assert found.best([0]).settings != found.best([1]).settings
-    assert found.chosen == specs.estimator_table({"Ridge": dict(found.best().settings)})
+    assert found.chosen == ESTIMATOR.table({"Ridge": dict(found.best().settings)})
 
 
 def test_the_same_seed_gives_the_same_search_whatever_else_is_tuned():
@@ -250,7 +250,7 @@ def test_the_same_seed_gives_the_same_search_whatever_else_is_tuned():
 def test_every_estimator_gets_the_same_budget_and_its_default_first(name):
     found = tune(name, [motion(0.05, p=3)], budget=7)
     assert len(found.candidates) == found.budget == 7
-    (default,) = specs.estimator_table(name).values()
+    (default,) = ESTIMATOR.table(name).values()
     assert found.candidates[0].settings == {key: default.get(key) for key in SPACES[name]}
     assert found.best().score() <= found.candidates[0].score()
     assert all(one.seconds > 0 for one in found.candidates)
@@ -370,7 +370,9 @@ def test_a_search_survives_its_file(tmp_path):
     assert table["tuned"]["Ridge"]["candidates"][0]["score"] > 0
     assert table["tuned"]["mine"]["candidates"][0]["score"] == pytest.approx(found["mine"].best().score(), rel=1e-4)
     assert "3 regions" in found["Ridge"].criterion
-    study = bk.Study({"infant": "infant"}, {"circle": "circle"}, {key: one.chosen for key, one in found.items()})
+    study = bk.Study(
+        {"infant": "infant"}, {"circle": bk.motions.Circle()}, {key: one.chosen for key, one in found.items()}
+    )
     assert study.estimators["Ridge"] == found["Ridge"].chosen
 
 
@@ -411,8 +413,8 @@ def test_all_that_is_drawn_can_be_built_and_written_to_a_study(name):
     rng = np.random.default_rng(0)
     drawn = [draw(SPACES[name], rng) for _ in range(200)]
     for settings in drawn:
-        table = specs.estimator_table({name: settings})
-        assert specs.estimator_table(table) == table
+        table = ESTIMATOR.table({name: settings})
+        assert ESTIMATOR.table(table) == table
     # Each setting really varies.
     assert all(len({str(one[setting]) for one in drawn}) > 1 for setting in SPACES[name])
 
@@ -450,4 +452,4 @@ def test_the_published_search_gave_all_the_same_budget_and_can_be_read():
     for name, one in published.items():
         assert one.space == SPACES[name]
         assert len(one.candidates) == (one.budget if one.space else 1)
-        assert one.chosen == specs.estimator_table({name: one.chosen[name] | dict(one.best().settings)})
+        assert one.chosen == ESTIMATOR.table({name: one.chosen[name] | dict(one.best().settings)})

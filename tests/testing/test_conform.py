@@ -92,6 +92,21 @@ def test_what_a_library_raises_does_not_hide_what_it_gets_wrong(library: Any, ad
     assert len(failures[1].case.robot.joints) == 1
 
 
+def test_each_kind_of_failure_is_reduced_by_itself(library: Any, adapter: type) -> None:
+    library.BUG = "wrong axis default"
+
+    class Empty(adapter):  # type: ignore[misc]
+        def __init__(self, urdf: str) -> None:
+            if "<joint" not in urdf:
+                raise ValueError("a robot has joints")
+            super().__init__(urdf)
+
+    wrong = conform(None, {"empty": Empty}, 6, laws=["pose_equals_oracle"]).verdicts[0].failures[0]
+    # A robot without joints is smaller still, but what it shows is another failure.
+    assert "against the oracle" in wrong.detail
+    assert wrong.case.robot.joints
+
+
 def test_an_infinite_error_and_nothing_offered_are_no_success(tmp_path: Path, adapter: type) -> None:
     class Shapeless(adapter):  # type: ignore[misc]
         def pose_and_jacobian(self, q: Any, link: str) -> Any:

@@ -26,7 +26,7 @@ from bodyimage_kin.published.foreknowledge.predictors import (
     GaussianProcessPosterior,
     MeanPostureDistance,
 )
-from bodyimage_kin.study.cells import describe
+from bodyimage_kin.study import store
 
 ESTIMATORS: Mapping[str, Estimator] = {
     "least_squares": LeastSquares(),
@@ -137,7 +137,7 @@ def run_cell(settings: Settings, condition: Condition, seed: int) -> Cell:
                 said[name][predictor] = (own if predictor in _ARM_PREDICTORS else shared[predictor]).foresee(about)
             except BodyImageKinError as problem:
                 # One that refuses is missing, and the run goes on.
-                refused[name][predictor] = describe(problem)
+                refused[name][predictor] = store.said(problem)
     measured = {name: _measure(body, about, touch["true_q"].values) for name, about in of.items()}
     silent, nothing = np.full(len(known.postures), np.nan), Foresight(float("nan"), None)
     return Cell(
@@ -158,7 +158,7 @@ def try_cell(settings: Settings, condition: Condition, seed: int) -> Cell | Fail
         return run_cell(settings, condition, seed)
     except Exception as problem:
         # Said in words: not every error can travel from a worker.
-        return Failed(describe(problem))
+        return Failed(store.said(problem))
 
 
 def _moved(condition: Condition) -> Condition:

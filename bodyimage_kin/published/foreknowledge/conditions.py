@@ -10,7 +10,7 @@ import xarray as xr
 
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.recordings import Noise, motions, simulate
-from bodyimage_kin.study.cells import stream
+from bodyimage_kin.study.grid import stream
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def _one_recording(trials: Sequence[xr.Dataset]) -> xr.Dataset:
     if len(trials) == 1:
         return trials[0]
     numbered = [trial.assign_coords(trial=[index]) for index, trial in enumerate(trials)]
-    unfelt = {"taxel": -1, "true_taxel": -1, "at_reference": False}
+    unfelt = {"touched": -1, "true_touched": -1, "at_reference": False}
     return xr.concat(
         numbered, "trial", data_vars="minimal", coords="minimal", compat="override", join="outer", fill_value=unfelt
     )

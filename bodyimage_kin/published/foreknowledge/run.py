@@ -32,8 +32,8 @@ from bodyimage_kin.published.foreknowledge.evaluate import Score, evaluate, eval
 from bodyimage_kin.published.foreknowledge.store import Store
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study import executors
-from bodyimage_kin.study.cells import describe
 from bodyimage_kin.study.statistics import Interval
+from bodyimage_kin.study.store import said
 
 TARGET = 0.85
 """The R2 that a predictor should reach."""
@@ -252,14 +252,15 @@ def _work(
     size = 1 if isinstance(working, executors.InProcess) else max(len(jobs), 1)
     for first in range(0, len(jobs), size):
         pending: dict[Future[Any], tuple[Condition, int]] = {
-            executors.submit(working, None, None, try_cell, settings, *job): job for job in jobs[first : first + size]
+            executors.submit(working, executors.Call(try_cell, (settings, *job))): job
+            for job in jobs[first : first + size]
         }
         try:
             for future in as_completed(pending):
                 problem = future.exception()
                 if isinstance(problem, executors.NoWorker):
                     raise problem
-                yield pending[future], Failed(describe(problem)) if problem is not None else future.result()
+                yield pending[future], Failed(said(problem)) if problem is not None else future.result()
         finally:
             for future in pending:
                 future.cancel()

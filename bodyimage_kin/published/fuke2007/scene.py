@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,34 @@ from jaxtyping import Float
 
 from bodyimage_kin import metrics
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.body_image import PostureSOM
+from bodyimage_kin.body_image import BodyImage, PostureSOM
 from bodyimage_kin.published.fuke2007.conditions import Motion, Settings
-from bodyimage_kin.recordings import experience, motions, simulate, write_recording
-from bodyimage_kin.study.maps import POSTURE_GRID, Lesson, seen_range
+from bodyimage_kin.recordings import experience, first_taxel, motions, simulate, write_recording
+from bodyimage_kin.study.maps import POSTURE_GRID, seen_range
 
 _IN_FRONT = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """What maps are learned from, whoever says where the hand is.
+
+    Attributes:
+        felt: Experience of the touches, one trial.
+        grid: (rows, columns) of taxels.
+        image_range: (m, 2) lowest and highest image of the hand that was ever seen: bounds of the first weights.
+        posture_som: Representative postures, trained once.
+    """
+
+    felt: xr.Dataset
+    grid: tuple[int, int]
+    image_range: Float[np.ndarray, "m 2"]
+    posture_som: PostureSOM
+
+    def learn(self, hand: xr.DataArray, seed: int, snapshots: Sequence[int] = (), **settings: Any) -> BodyImage:
+        """The maps that these hand images lead to."""
+        given = {"image_range": self.image_range, "posture_som": self.posture_som, **settings}
+        return BodyImage.learn(self.felt, hand, grid=self.grid, seed=seed, snapshots=snapshots, **given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +86,7 @@ def make_scene(settings: Settings, body: Embodiment, motion: Motion, seed: int, 
     for kind, recording in {"circle": circle, "face_tour": tour, "random_touch": touch}.items():
         write_recording(recording, folder / f"{motion.name}_seed{seed}_{kind}.nc")
     probes = probe_postures(body, circle)
-    touching = touch["true_q"].values[0][touch["true_taxel"].values[0] >= 0]
+    touching = touch["true_q"].values[0][first_taxel(touch, truth=True)[0] >= 0]
     return Scene(
         body=body,
         seed=seed,

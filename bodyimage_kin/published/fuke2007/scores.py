@@ -17,7 +17,7 @@ from bodyimage_kin.body_image import BodyImage, expected_map, integrate
 from bodyimage_kin.estimators import LearnedJacobian, pairs
 from bodyimage_kin.published.fuke2007.conditions import PARTS, PROBES
 from bodyimage_kin.published.fuke2007.scene import Scene
-from bodyimage_kin.recordings import experience, motions
+from bodyimage_kin.recordings import experience, first_taxel, motions
 
 GAMMA = 40.0
 """Scaling factor of the taxels' activation (Table 1)."""
@@ -178,7 +178,7 @@ def _edge_correlation(scene: Scene, map: Float[np.ndarray, "rows columns m"], to
     The map is held against the kernel average of the true places over the same touches, so that the kernel's own share
     of the distortion does not count.
     """
-    taxels = experience(scene.touch)["taxel"].values[0]
+    taxels = first_taxel(scene.touch)[0]
     expected = expected_map(scene.true_map.reshape(-1, scene.body.m), taxels, scene.true_map.shape[:2])
     fit = metrics.procrustes(true=expected, map=map)
     centred = (expected - expected.mean((0, 1))) @ fit.rotation.T * fit.scale
@@ -194,7 +194,7 @@ def _posture_scores(scene: Scene, learned: BodyImage) -> dict[str, Any]:
     with torch.no_grad():
         true = scene.body.hand_image(torch.from_numpy(learned.postures), on_invisible="nan").numpy()
     fit = metrics.procrustes(true=true, map=learned.posture_map)
-    touching = scene.touch["true_q"].values[0][scene.touch["true_taxel"].values[0] >= 0]
+    touching = scene.touch["true_q"].values[0][first_taxel(scene.touch, truth=True)[0] >= 0]
     units, samples = learned.postures / scene.lesson.posture_som.scale, touching / scene.lesson.posture_som.scale
     return {
         "rmse": metrics.trajectory_rmse(true.reshape(-1, scene.body.m), learned.posture_map.reshape(-1, scene.body.m)),

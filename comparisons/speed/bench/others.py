@@ -64,13 +64,13 @@ def maps(rounds: int) -> list[dict[str, Any]]:
     experience = xr.Dataset(
         {
             "q": (("trial", "time", "joint"), q[None]),
-            "taxel": (("trial", "time"), random.integers(0, 441, (1, steps))),
+            "touched": (("trial", "time", "contact"), random.integers(0, 441, (1, steps, 1))),
             "hand_image": (("trial", "time", "axis"), image[None]),
         }
     )
     postures = PostureSOM.fit(q, seed=0)
 
-    touched = dict(enumerate(divmod(taxel, 21) for taxel in experience.taxel.values[0].tolist()))
+    touched = dict(enumerate(divmod(taxel, 21) for taxel in experience.touched.values[0, :, 0].tolist()))
 
     def minisom(winners: dict[int, tuple[int, int]] | None = None) -> None:
         MiniSom(21, 21, 2, sigma=4.0, learning_rate=0.3, random_seed=0).train(image, steps, fixed_points=winners)
