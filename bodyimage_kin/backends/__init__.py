@@ -53,7 +53,8 @@ def kinematics(robot: Robot, backend: str | Kinematics | type | None = None) -> 
         backend: A name (:func:`backends` lists them), ``"package.module:Class"`` (found where it is installed, or in
             the current folder), a class built as ``Class(robot)``,
             an object that has ``pose_and_jacobian`` (built for ``robot.unfolded``, or for the robot itself if it
-            resolves followers, see :class:`Abilities`), or None: the fastest one installed.
+            resolves followers, see :class:`Abilities`), or None: the fastest one installed (``torch`` in place of
+            ``numba`` where ``NUMBA_DISABLE_JIT`` keeps it from compiling).
 
     Raises:
         UnknownName: A name that is none of the known ones.
@@ -61,7 +62,8 @@ def kinematics(robot: Robot, backend: str | Kinematics | type | None = None) -> 
         InvalidConfig: What is named, or given, has no ``pose_and_jacobian``.
     """
     if backend is None:
-        backend = next(name for name, state in backends().items() if state == "installed")
+        installed = [name for name, state in backends().items() if state == "installed"]
+        backend = next(name for name in installed if name != "numba" or _compiles())
     if isinstance(backend, str):
         name, built = backend, _load(backend)
     elif isinstance(backend, type):
@@ -73,6 +75,13 @@ def kinematics(robot: Robot, backend: str | Kinematics | type | None = None) -> 
     if isinstance(built, type):
         built = built(robot if _abilities(built).followers else robot.unfolded)
     return RobotKinematics(robot, built, name)
+
+
+def _compiles() -> bool:
+    """Whether numba may compile here (``NUMBA_DISABLE_JIT`` is not set)."""
+    import numba
+
+    return not getattr(numba.config, "DISABLE_JIT", False)
 
 
 def _load(name: str) -> Any:

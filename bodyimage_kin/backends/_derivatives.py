@@ -25,11 +25,29 @@ Gradient = Callable[[Tensor, Tensor, Tensor | None, Tensor | None, Tensor], Floa
 """The formula of :meth:`PoseAndJacobian.backward`, compiled: of pose, Jacobian, what comes in for each, and path."""
 
 
+def at_point(
+    pose: Float[Tensor, "*batch 4 4"], jacobian: Float[Tensor, "*batch 6 n"], offset: Float[Tensor, "*points 3"]
+) -> tuple[Float[Tensor, "*batch 4 4"], Float[Tensor, "*batch 6 n"]]:
+    """Pose and Jacobian of a point fixed in the link, the Jacobian in ``local_world_aligned``.
+
+    Args:
+        pose: root_T_link.
+        jacobian: Of the link's origin.
+        offset: The point in the link [m]; one, or one for each of the batch.
+    """
+    # Sums of products and no matrix products, which autocast would round.
+    arm = (pose[..., :3, :3] * offset[..., None, :]).sum(-1, keepdim=True)
+    moved = torch.cat([pose[..., :3, :3], pose[..., :3, 3:] + arm], dim=-1)
+    linear, angular = jacobian[..., :3, :], jacobian[..., 3:, :]
+    linear = linear + torch.linalg.cross(angular, arm.expand(angular.shape), dim=-2)
+    return torch.cat([moved, pose[..., 3:, :]], dim=-2), torch.cat([linear, angular], dim=-2)
+
+
 def hessian(jacobian: Float[Tensor, "*batch 6 n"], path: Tensor) -> Float[Tensor, "*batch 6 n n"]:
     """Derivative of every Jacobian column, ``[..., i, k] = d J[..., i] / d q[k]``.
 
     Args:
-        jacobian: In ``local_world_aligned``.
+        jacobian: In ``local_world_aligned``, at the link's origin or at any point fixed in it.
         path: Indices (p,) of the joints on the path to the link, root first.
     """
     columns = jacobian[..., path]
@@ -44,9 +62,9 @@ def hessian(jacobian: Float[Tensor, "*batch 6 n"], path: Tensor) -> Float[Tensor
     angular = torch.where(upper.T & ~upper, turn, 0.0)
     on_path = torch.cat([linear, angular], dim=-3)
     n = jacobian.shape[-1]
-    spread = torch.zeros(count, n, dtype=jacobian.dtype, device=jacobian.device)
-    spread[torch.arange(count, device=jacobian.device), path] = 1.0
-    return spread.T @ on_path @ spread
+    # Not by matrices of zeros and ones: autocast would round the products.
+    rows = on_path.new_zeros(*on_path.shape[:-2], n, count).index_copy(-2, path, on_path)
+    return rows.new_zeros(*rows.shape[:-1], n).index_copy(-1, path, rows)
 
 
 class PoseAndJacobian(torch.autograd.Function):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
 
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.robot.tree import KinematicTree
 
 
 @runtime_checkable
@@ -56,23 +54,6 @@ class Abilities(NamedTuple):
 def abilities(backend: object) -> Abilities:
     """What a backend says of itself."""
     return getattr(backend, "abilities", Abilities())
-
-
-def numbered_chain(robot: Robot, link: str) -> KinematicTree:
-    """The bare chain from the root to a link, joints in path order, links and joints renamed to numbers.
-
-    Libraries sort joints by name, keep words for themselves (``universe``, ``world``) or mix up a link and a joint of
-    one name. None of that can happen to a chain whose names are ours.
-
-    Returns:
-        Links ``link0`` (the root) to ``linkN`` (the end), joints ``joint1`` to ``jointN``.
-    """
-    joints = robot.path(link)
-    renamed = tuple(
-        replace(joint, name=f"joint{index}", parent=f"link{index - 1}", child=f"link{index}", mimic=None)
-        for index, joint in enumerate(joints, start=1)
-    )
-    return KinematicTree("chain", "link0", tuple(f"link{index}" for index in range(len(joints) + 1)), renamed)
 
 
 def moving_columns(robot: Robot, link: str) -> list[int]:

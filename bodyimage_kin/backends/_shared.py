@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin._arrays import ArrayLike, as_postures, refuse_not_finite
+from bodyimage_kin import _checks
+from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures, refuse_not_finite
 from bodyimage_kin.backends import _derivatives, _stream
+from bodyimage_kin.backends._folding import Folding
 from bodyimage_kin.backends._protocol import Kinematics, abilities, moving_columns
-from bodyimage_kin.errors import InvalidArray, InvalidConfig, NotDifferentiable, UnsupportedDevice
+from bodyimage_kin.errors import InvalidArray, NotDifferentiable, UnsupportedDevice
 from bodyimage_kin.robot import Robot
 
 Reference = Literal["local_world_aligned", "local", "world"]
 Out: TypeAlias = Any
 """A pair of tensors (pose, jacobian) to write into; checked at run time by our own typed errors."""
+
+
+_NO_GRADIENT = "what is written into out= carries no gradient; leave it out, or give {}.detach()"
 
 
 class _Path(NamedTuple):
@@ -58,22 +63,29 @@ class RobotKinematics:
     def __repr__(self) -> str:
         return f"RobotKinematics({self.robot.name!r}, backend={self.name!r})"
 
-    def pose(self, q: ArrayLike, link: str) -> Float[Tensor, "*batch 4 4"]:
+    def pose(self, q: ArrayLike, link: str, offset: ArrayLike | None = None) -> Float[Tensor, "*batch 4 4"]:
         """root_T_link: maps the link's coordinates [m] to the root's.
 
         Args:
             q: Postures ``(*batch, n)`` [rad or m].
             link: Name of the link.
+            offset: A point fixed in the link, (3,) or one a posture ``(*batch, 3)`` [m], at which the frame is moved
+                without being turned; None: the link's origin. Results are differentiable in it.
 
         Raises:
+            InvalidArray: An offset of another shape, or that is not finite.
             InvalidPosture: Wrong last axis, dtype, or a value that is not finite.
             UnknownName: No such link.
             UnsupportedDevice: A tensor that is not on the CPU, and a backend that computes nowhere else.
         """
-        return self.pose_and_jacobian(q, link)[0]
+        return self.pose_and_jacobian(q, link, offset=offset)[0]
 
     def jacobian(
-        self, q: ArrayLike, link: str, reference: Reference | str = "local_world_aligned"
+        self,
+        q: ArrayLike,
+        link: str,
+        reference: Reference | str = "local_world_aligned",
+        offset: ArrayLike | None = None,
     ) -> Float[Tensor, "*batch 6 n"]:
         """The Jacobian of a link, rows linear [m/rad] then angular [rad/rad] ([m/m] and 0 for prismatic joints).
 
@@ -83,25 +95,28 @@ class RobotKinematics:
             reference: ``"local_world_aligned"``: axes of the root, origin at the link. ``"local"``: axes of the link,
                 origin at the link. ``"world"``: the spatial Jacobian, axes and origin of the root (Pinocchio's names;
                 Murray, Li and Sastry 1994, section 3.4, for the spatial and body ones).
+            offset: A point fixed in the link that takes the place of its origin, as in :meth:`pose`. The spatial
+                Jacobian is the same for every one.
 
         Raises:
             InvalidConfig: Another reference.
             InvalidPosture: As in :meth:`pose`, and so for the other errors.
         """
-        if reference not in get_args(Reference):
-            raise InvalidConfig(f"no reference {reference!r}; valid: {', '.join(get_args(Reference))}")
-        pose, jacobian = self.pose_and_jacobian(q, link)
+        _checks.choice("reference", reference, get_args(Reference))
+        pose, jacobian = self.pose_and_jacobian(q, link, offset=offset)
         if reference == "local_world_aligned":
             return jacobian
         linear, angular = jacobian[..., :3, :], jacobian[..., 3:, :]
         if reference == "local":
-            link_R_root = pose[..., :3, :3].transpose(-1, -2)
-            return torch.cat([link_R_root @ linear, link_R_root @ angular], dim=-2)
+            root_R_link = pose[..., :3, :3, None]
+            # Sums of products and no matrix products, which autocast would round.
+            turned = [(root_R_link * rows[..., None, :]).sum(-3) for rows in (linear, angular)]
+            return torch.cat(turned, dim=-2)
         position = pose[..., :3, 3:].expand_as(angular)
         return torch.cat([linear + torch.linalg.cross(position, angular, dim=-2), angular], dim=-2)
 
     def pose_and_jacobian(
-        self, q: ArrayLike, link: str, out: Out = None
+        self, q: ArrayLike, link: str, out: Out = None, offset: ArrayLike | None = None
     ) -> tuple[Float[Tensor, "*batch 4 4"], Float[Tensor, "*batch 6 n"]]:
         """Both at the cost of one: root_T_link and the Jacobian in ``local_world_aligned``.
 
@@ -111,14 +126,17 @@ class RobotKinematics:
             out: Pose and Jacobian to write into and to give back, contiguous, of the shapes of the result and of the
                 dtype and on the device of ``q``; None: new tensors. For large batches most of the time goes into fresh
                 memory. What they hold after an error is undefined.
+            offset: A point fixed in the link that takes the place of its origin, as in :meth:`pose`.
 
         Raises:
             InvalidArray: An ``out`` that cannot hold the result.
-            NotDifferentiable: An ``out``, and postures that require a gradient.
+            NotDifferentiable: An ``out``, and postures or an offset that require a gradient.
             InvalidPosture: As in :meth:`pose`, and so for the other errors.
         """
         path = self._paths.get(link) or self._path(link)
         q = self._checked(q)
+        if offset is not None:
+            return self._at_point(q, link, self._checked_offset(offset, q), out)
         if out is None:
             if somebody_differentiates(q):
                 return self._differentiable(q, path)
@@ -126,8 +144,8 @@ class RobotKinematics:
             self._check_out(q, out)
         if path.as_it_is:
             return self._evaluate(self.backend, q, link, out)
-        pose, jacobian = self._evaluate(self.backend, self._unfold(q), link)
-        jacobian = jacobian @ self.robot.folding[0].to(jacobian)
+        pose, jacobian = self._evaluate(self.backend, self._folding.unfold(q), link)
+        jacobian = self._folding.fold(jacobian)
         if out is not None:
             pose, jacobian = out[0].copy_(pose), out[1].copy_(jacobian)
         return pose, jacobian
@@ -157,28 +175,30 @@ class RobotKinematics:
             InvalidPosture: As in :meth:`pose`, and so for the other errors (when the iterator comes to them).
         """
         self._paths.get(link) or self._path(link)
-        if batch < 1:
-            raise InvalidConfig(f"batch is {batch!r}; give a positive whole number")
+        _checks.whole("batch", batch, least=1)
         postures = _stream.chunks(source, self._n, batch)
         return _stream.stream(postures, lambda q, out: self.pose_and_jacobian(q, link, out), self._n, batch)
 
-    def hessian(self, q: ArrayLike, link: str) -> Float[Tensor, "*batch 6 n n"]:
+    def hessian(self, q: ArrayLike, link: str, offset: ArrayLike | None = None) -> Float[Tensor, "*batch 6 n n"]:
         """Derivative of the Jacobian: ``[..., i, k] = d jacobian(q, link)[..., i] / d q[k]``, ``local_world_aligned``.
 
         Args:
             q: Postures ``(*batch, n)`` [rad or m].
             link: Name of the link.
+            offset: A point fixed in the link that takes the place of its origin, as in :meth:`pose`.
 
         Raises:
             InvalidPosture: As in :meth:`pose`, and so for the other errors.
         """
         path = self._paths.get(link) or self._path(link)
         q = self._checked(q)
-        hessian = _derivatives.hessian(self._differentiable(q, path, fold=False)[1], path.columns.to(q.device))
+        pose, jacobian = self._differentiable(q, path, fold=False)
+        if offset is not None:
+            jacobian = _derivatives.at_point(pose, jacobian, self._checked_offset(offset, q))[1]
+        hessian = _derivatives.hessian(jacobian, path.columns.to(q.device))
         if path.unfolded is None:
             return hessian
-        fold = self.robot.folding[0].to(hessian)
-        return fold.T @ hessian @ fold
+        return self._folding.fold(self._folding.fold(hessian).mT).mT
 
     def _checked(self, q: ArrayLike) -> Tensor:
         q = as_postures(q, self._n)
@@ -189,9 +209,33 @@ class RobotKinematics:
             )
         return q
 
+    def _checked_offset(self, offset: ArrayLike, q: Tensor) -> Tensor:
+        point = as_float_tensor(offset, "offset")
+        if point.shape not in ((3,), (*q.shape[:-1], 3)):
+            wanted = "(3,)" if q.ndim == 1 else f"(3,) or {(*q.shape[:-1], 3)}"
+            raise InvalidArray(f"offset has shape {tuple(point.shape)}; give a point in the link, {wanted}")
+        if point.device != q.device:
+            raise UnsupportedDevice(f"offset is on '{point.device}', posture q on '{q.device}'; move one of them")
+        # What a transform of torch.func looks at has no values to be asked for.
+        if torch._C._functorch.peek_interpreter_stack() is None and not bool(torch.isfinite(point).all()):
+            raise InvalidArray("offset has NaN or infinite values; give points in the link [m]")
+        return point
+
+    def _at_point(self, q: Tensor, link: str, offset: Tensor, out: Out) -> tuple[Tensor, Tensor]:
+        """Pose and Jacobian at a point fixed in the link."""
+        if out is not None:
+            if offset.requires_grad and torch.is_grad_enabled():
+                raise NotDifferentiable(_NO_GRADIENT.format("offset"))
+            self._check_out(q, out)
+        # float32 is rounded once, at the end.
+        wide = q.double() if q.is_cpu else q
+        pose, jacobian = _derivatives.at_point(*self.pose_and_jacobian(wide, link), offset.to(wide.dtype))
+        pose, jacobian = pose.to(q.dtype), jacobian.to(q.dtype)
+        return (pose, jacobian) if out is None else (out[0].copy_(pose), out[1].copy_(jacobian))
+
     def _check_out(self, q: Tensor, out: Out) -> None:
         if q.requires_grad and torch.is_grad_enabled():
-            raise NotDifferentiable("what is written into out= carries no gradient; leave it out, or give q.detach()")
+            raise NotDifferentiable(_NO_GRADIENT.format("q"))
         batch = tuple(q.shape[:-1])
         shapes = (*batch, 4, 4), (*batch, 6, self._n)
         if not (
@@ -205,9 +249,9 @@ class RobotKinematics:
                 f"and on the device of q ({str(q.dtype).removeprefix('torch.')}, {q.device}), without a gradient"
             )
 
-    def _unfold(self, q: Tensor) -> Tensor:
-        matrix, offset = self.robot.folding
-        return q @ matrix.to(q).T + offset.to(q)
+    @cached_property
+    def _folding(self) -> Folding:
+        return Folding.of(self.robot)
 
     def _evaluate(self, backend: Kinematics, q: Tensor, link: str, out: Out = None) -> tuple[Tensor, Tensor]:
         """The backend's values. Few operations: with one posture each one counts."""
@@ -236,7 +280,7 @@ class RobotKinematics:
         """Pose and Jacobian with all their derivatives; with ``fold=False`` a column for each unfolded joint."""
         backend = path.unfolded or self.backend
         if path.unfolded is not None:
-            q = self._unfold(q)
+            q = self._folding.unfold(q)
         batch = q.shape[:-1]
         flat = q.reshape(batch.numel(), q.shape[-1])
         evaluate = partial(self._evaluate, backend, link=path.link)
@@ -244,7 +288,7 @@ class RobotKinematics:
         pose, jacobian = _derivatives.pose_and_jacobian(flat, path.columns.to(q.device), evaluate, gradient)
         pose, jacobian = pose.reshape(*batch, 4, 4), jacobian.reshape(*batch, 6, q.shape[-1])
         if fold and path.unfolded is not None:
-            jacobian = jacobian @ self.robot.folding[0].to(jacobian)
+            jacobian = self._folding.fold(jacobian)
         return pose, jacobian
 
     def _path(self, link: str) -> _Path:

@@ -15,13 +15,14 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Float, Float64, Int64
+from numba import config
 from torch import Tensor
 
 from bodyimage_kin._arrays import refuse_not_finite
 from bodyimage_kin.backends import _numba_kernels as kernels
 from bodyimage_kin.backends._protocol import Abilities
 from bodyimage_kin.backends.torch_backend import TorchBackend
-from bodyimage_kin.errors import InvalidArray, InvalidPosture, NotDifferentiable
+from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidPosture, NotDifferentiable
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.transforms import Matrix3, Matrix4, transform
 from bodyimage_kin.robot.tree import Joint
@@ -40,6 +41,8 @@ class NumbaBackend:
     abilities = Abilities(followers=True, out=True, finite=True, devices=True, gradient=True)
 
     def __init__(self, robot: Robot) -> None:
+        if getattr(config, "DISABLE_JIT", False):
+            raise InvalidConfig("NUMBA_DISABLE_JIT=1 and backend 'numba' exclude each other; unset it, or use 'torch'")
         self.robot = robot
         self._chains: dict[str, _LinkChain] = {}
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytorch_kinematics
 import torch
-from jaxtyping import Float
+from jaxtyping import Float64
 from pytorch_kinematics.transforms import Transform3d
+from torch import Tensor
 
-from bodyimage_kin.backends._protocol import moving_columns, numbered_chain
-from bodyimage_kin.robot import Robot
+from bodyimage_kin.backends._chains import ChainBackend
 from bodyimage_kin.robot.tree import KinematicTree, write_core
 
 
-class PytorchKinematicsBackend:
+class PytorchKinematicsBackend(ChainBackend):
     """Pose and Jacobian by pytorch-kinematics, batched, in float64.
 
     ``chain.to(dtype=torch.float64)`` converts offsets and axes that were built in float32 (0.10.0: 1e-8 to 2e-6 off),
@@ -20,33 +20,31 @@ class PytorchKinematicsBackend:
     zero or wrong; here they come from shared code, which differentiates by the Jacobian.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot = robot
-        self._chains: dict[str, tuple[pytorch_kinematics.SerialChain | None, list[int]]] = {}
+    # 0.10.0 recurses from link to link, several calls deep at each, and copies all that follows each.
+    most_joints = 24
+
+    def _build(self, tree: KinematicTree) -> _Chain:
+        return _Chain(tree)
+
+
+class _Chain:
+    """The exact model of one chain; none for a single link, of which 0.10.0 fails to build a robot."""
+
+    def __init__(self, tree: KinematicTree) -> None:
+        self.chain: pytorch_kinematics.SerialChain | None = None
+        if tree.joints:
+            chain = pytorch_kinematics.build_chain_from_urdf(write_core(tree).encode()).to(dtype=torch.float64)
+            _make_exact(chain, tree)
+            self.chain = pytorch_kinematics.SerialChain(chain, tree.links[-1], dtype=torch.float64)
 
     def pose_and_jacobian(
-        self, q: Float[torch.Tensor, "batch n"], link: str
-    ) -> tuple[Float[torch.Tensor, "batch 4 4"], Float[torch.Tensor, "batch 6 n"]]:
-        """See :meth:`Kinematics.pose_and_jacobian`."""
-        if link not in self._chains:
-            self._chains[link] = _build(self.robot, link), moving_columns(self.robot, link)
-        chain, columns = self._chains[link]
-        jacobian = q.new_zeros(len(q), 6, self.robot.n)
-        if chain is None:
-            return torch.eye(4, dtype=q.dtype).repeat(len(q), 1, 1), jacobian
-        packed, pose = chain.jacobian_tensor(q[:, columns], ret_eef_pose=True)
-        jacobian[:, :, columns] = packed
-        return pose, jacobian
-
-
-def _build(robot: Robot, link: str) -> pytorch_kinematics.SerialChain | None:
-    """The exact chain to a link; None for the root, as 0.10.0 fails to build a robot of one link."""
-    tree = numbered_chain(robot, link)
-    if not tree.joints:
-        return None
-    chain = pytorch_kinematics.build_chain_from_urdf(write_core(tree).encode()).to(dtype=torch.float64)
-    _make_exact(chain, tree)
-    return pytorch_kinematics.SerialChain(chain, tree.links[-1], dtype=torch.float64)
+        self, values: Float64[Tensor, "batch p"]
+    ) -> tuple[Float64[Tensor, "batch 4 4"], Float64[Tensor, "batch 6 p"]]:
+        if self.chain is None:
+            return torch.eye(4, dtype=values.dtype).repeat(len(values), 1, 1), values.new_zeros(len(values), 6, 0)
+        jacobian, pose = self.chain.jacobian_tensor(values, ret_eef_pose=True)
+        # A view of all frames would stay alive with them, and torch 2.13 fails on it in forward mode.
+        return pose.clone(), jacobian
 
 
 def _make_exact(chain: pytorch_kinematics.chain.Chain, tree: KinematicTree) -> None:

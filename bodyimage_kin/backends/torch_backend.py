@@ -7,6 +7,7 @@ Every joint turns about the z axis of its own frame, or slides along it; what is
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -55,10 +56,11 @@ def chain_pose(
     if q.ndim == 0 or q.shape[-1] != m or (prismatic is not None and len(prismatic) != m):
         raise InvalidArray(f"q {tuple(q.shape)} and prismatic must have one entry for each of the {m} joints")
     batch = q.shape[:-1]
-    steps = _aligned(origins, axes).to(q.dtype)
-    rows = q.reshape(batch.numel(), m).T.contiguous()
-    frame, _ = _run(steps, rows, [False] * m if prismatic is None else list(map(bool, prismatic)))
-    return _pose(frame).T.reshape(*batch, 4, 4)
+    with _without_autocast(q.device):
+        steps = _aligned(origins, axes).to(q.dtype)
+        rows = q.reshape(batch.numel(), m).T.contiguous()
+        frame, _ = _run(steps, rows, [False] * m if prismatic is None else list(map(bool, prismatic)))
+        return _pose(frame).T.reshape(*batch, 4, 4)
 
 
 class TorchBackend:
@@ -80,13 +82,21 @@ class TorchBackend:
         chain, n = self._chains[key], self.robot.n
         pose, jacobian = q.new_empty(len(q), 4, 4), q.new_empty(len(q), 6, n)
         size = _BLOCK if q.is_cpu else max(len(q), 1)
-        for first in range(0, len(q), size):
-            part = slice(first, first + size)
-            frame, columns = _values(chain, q[part], n)
-            # Two axes only: torch turns these around in blocks, and any more of them number by number.
-            pose[part].view(-1, 16).copy_(_pose(frame).T)
-            jacobian[part].view(len(columns.T), 6 * n).copy_(columns.T)
+        with _without_autocast(q.device):
+            for first in range(0, len(q), size):
+                part = slice(first, first + size)
+                frame, columns = _values(chain, q[part], n)
+                # Two axes only: torch turns these around in blocks, and any more of them number by number.
+                pose[part].view(-1, 16).copy_(_pose(frame).T)
+                jacobian[part].view(len(columns.T), 6 * n).copy_(columns.T)
         return pose, jacobian
+
+
+def _without_autocast(device: torch.device) -> AbstractContextManager[None]:
+    """Matrix products in the dtype of their factors."""
+    if torch.amp.is_autocast_available(device.type) and torch.is_autocast_enabled(device.type):
+        return torch.autocast(device.type, enabled=False)
+    return nullcontext()
 
 
 class _LinkChain(NamedTuple):

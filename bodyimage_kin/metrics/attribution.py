@@ -89,12 +89,16 @@ def attribute(
     mean = residual.mean(0)
     deviation = residual - mean
     along = mean @ P
+    best_scale = np.ldexp(s, true_power - estimated_power)
+    # (1 - s)^2 of the Jacobians as they came; of an estimate so small that this has no float, of those near one.
+    squared = np.ldexp(np.float_power(1 - best_scale, 2), 2 * (estimated_power - true_power))
+    squared = squared if np.isfinite(best_scale**2) else (ratio - s) ** 2
     return Attribution(
-        scale=float((ratio - s) ** 2 * estimated_size / true_size) if estimated_size > 0 else 0.0,
+        scale=float(squared * estimated_size / true_size) if estimated_size > 0 else 0.0,
         mean_excited=float((along**2).sum()) * len(J) / true_size,
         mean_unexcited=float(((mean - along) ** 2).sum()) * len(J) / true_size,
         variation=float(np.vdot(deviation, deviation)) / true_size,
-        best_scale=float(np.ldexp(s, true_power - estimated_power)),
+        best_scale=float(best_scale),
         scale_along_truth=float((1 - (ratio * both if both else 0) / true_size) ** 2),
     )
 

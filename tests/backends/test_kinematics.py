@@ -7,18 +7,20 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import ARM, ONE_JOINT, STATUE, central, infant, kinematics, postures, tricky
+from robots import ARM, ONE_JOINT, STATUE, TRICKY, central, infant, kinematics, postures, tricky
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import (
+    InvalidArray,
     InvalidConfig,
     InvalidPosture,
     MissingDependency,
+    NotDifferentiable,
     UnknownName,
     UnsupportedDevice,
 )
 
-BACKENDS = ("pinocchio", "pytorch_kinematics", "numba", "torch")
+BACKENDS = ("pinocchio", "pytorch_kinematics", "numba", "torch", "mujoco")
 REFERENCES = ("local_world_aligned", "local", "world")
 MAKERS = [infant, tricky]
 # torch 2.13 warns of itself in forward mode.
@@ -274,6 +276,125 @@ def test_derivatives_by_autograd_are_jacobian_and_hessian(make, backend):
     close(pose, position(q), 1e-15)
 
 
+# A point of the link --------------------------------------------------------------------------------------------------
+
+
+def with_nail(urdf, point):
+    """The robot with one more link, fixed where the point is."""
+    x, y, z = point
+    nail = '<link name="point"/><joint name="point" type="fixed"><parent link="tip"/><child link="point"/>'
+    return bk.Robot.from_urdf(urdf.replace("</robot>", f'{nail}<origin xyz="{x!r} {y!r} {z!r}"/></joint></robot>'))
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@given(point=st.tuples(*[st.floats(-2, 2)] * 3), batch=st.sampled_from(BATCHES), each=st.booleans())
+@settings(max_examples=8)
+def test_a_point_is_a_link_that_is_fixed_there(backend, point, batch, each):
+    robot = with_nail(TRICKY, point)
+    kin, q = kinematics(tricky, backend), robot.sample(batch, seed=1)
+    offset = torch.tensor(point, dtype=torch.float64).expand(*batch, 3) if each else list(point)
+    link = bk.kinematics(robot, backend)
+    close(kin.pose(q, "tip", offset), link.pose(q, "point"), 1e-14)
+    close(kin.hessian(q, "tip", offset), link.hessian(q, "point"), 1e-14)
+    pose, jacobian = kin.pose_and_jacobian(q, "tip", offset=offset)
+    close(pose, link.pose(q, "point"), 1e-14)
+    close(jacobian, link.jacobian(q, "point"), 1e-14)
+    for reference in REFERENCES:
+        close(kin.jacobian(q, "tip", reference, offset=offset), link.jacobian(q, "point", reference), 1e-14)
+    out = torch.empty(*batch, 4, 4, dtype=q.dtype), torch.empty(*batch, 6, robot.n, dtype=q.dtype)
+    kin.pose_and_jacobian(q, "tip", out, offset)
+    assert torch.equal(out[0], pose)
+    assert torch.equal(out[1], jacobian)
+
+
+@FORWARD_MODE
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("function", ["pose", "jacobian", "hessian"])
+def test_results_are_differentiable_in_the_point(backend, function):
+    kin = kinematics(tricky, backend)
+    q = tricky().sample(2, seed=1).requires_grad_()
+    points = torch.tensor([[0.1, -0.2, 0.3], [0.0, 0.5, 1.0]], dtype=torch.float64, requires_grad=True)
+
+    def compute(q, point):
+        return getattr(kin, function)(q, "tip", offset=point)
+
+    for point in (points, points[0].detach().requires_grad_()):
+        assert torch.autograd.gradcheck(compute, (q, point), check_forward_ad=function != "hessian")
+        assert torch.autograd.gradcheck(lambda point: compute(q.detach(), point), point)
+        assert function == "hessian" or torch.autograd.gradgradcheck(compute, (q, point))
+    mapped = torch.func.vmap(torch.func.jacrev(lambda point, q: kin.pose(q, "tip", point)[:3, 3]))
+    close(mapped(points.detach(), q.detach()), kin.pose(q.detach(), "tip")[:, :3, :3], 1e-14)
+
+
+def test_a_point_in_float32_is_rounded_once():
+    kin = kinematics(infant, "numba")
+    q, point = infant().sample(50).float(), torch.tensor([0.1, 0.2, 0.3])
+    for one, other in zip(
+        kin.pose_and_jacobian(q, "left_hand", offset=point),
+        kin.pose_and_jacobian(q.double(), "left_hand", offset=point.double()),
+        strict=True,
+    ):
+        assert one.dtype == torch.float32
+        assert torch.equal(one, other.float())
+
+
+@pytest.mark.parametrize(
+    ("offset", "error", "message"),
+    [
+        ([0.0, 0.0], InvalidArray, r"shape \(2,\); give a point in the link, \(3,\) or \(2, 3\)"),
+        (torch.zeros(3, 3), InvalidArray, r"shape \(3, 3\); give"),
+        (torch.zeros(1, 3), InvalidArray, r"shape \(1, 3\); give"),
+        ([0.0, math.nan, 0.0], InvalidArray, "offset has NaN or infinite values"),
+        ("tip", InvalidArray, "offset .* not numbers"),
+        (torch.zeros(3, device="meta"), UnsupportedDevice, "offset is on 'meta'"),
+    ],
+)
+def test_what_is_no_point_is_refused(offset, error, message):
+    kin = kinematics(tricky, "numba")
+    for function in (kin.pose, kin.jacobian, kin.hessian, kin.pose_and_jacobian):
+        with pytest.raises(error, match=message):
+            function(tricky().sample(2), "tip", offset=offset)
+
+
+def test_what_is_written_into_carries_no_gradient_of_the_point():
+    kin, q = kinematics(tricky, "numba"), tricky().sample(2)
+    out = torch.empty(2, 4, 4, dtype=q.dtype), torch.empty(2, 6, 4, dtype=q.dtype)
+    with pytest.raises(NotDifferentiable, match=r"offset\.detach"):
+        kin.pose_and_jacobian(q, "tip", out, torch.zeros(3, dtype=q.dtype, requires_grad=True))
+
+
+# Autocast -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("make", MAKERS)
+def test_autocast_rounds_nothing(make, backend):
+    robot, kin = make(), kinematics(make, backend)
+    q, link = robot.sample(3).float(), max(robot.link_names, key=lambda name: len(robot.path(name)))
+
+    def everything():
+        gradients = [
+            torch.autograd.functional.jacobian(lambda x, f=function: f(x, link).square().sum(), q)
+            for function in (kin.pose, kin.jacobian, kin.hessian)
+        ]
+        references = [kin.jacobian(q, link, reference, offset=[0.1, 0.2, 0.3]) for reference in REFERENCES]
+        return [kin.pose(q, link), kin.hessian(q, link), *references, *gradients]
+
+    expected = everything()
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        found = everything()
+    for one, other in zip(found, expected, strict=True):
+        assert torch.equal(one, other)
+
+
+def test_a_chain_of_ones_own_is_not_rounded_by_autocast():
+    origins, axes, q = torch.eye(4).repeat(3, 1, 1), torch.eye(3), torch.tensor([0.1, 0.2, 0.3])
+    origins[:, :3, 3] = torch.tensor([0.123, 0.456, 0.789])
+    expected = bk.backends.chain_pose(origins, axes, q)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        assert torch.equal(bk.backends.chain_pose(origins, axes, q), expected)
+
+
 def test_no_gradient_is_kept_where_none_was_asked_for():
     kin = bk.kinematics(tricky())
     q = tricky().sample(2)
@@ -418,5 +539,5 @@ def test_a_library_that_is_missing_says_how_to_install_it(monkeypatch):
 
 
 def test_an_unknown_reference_lists_the_known():
-    with pytest.raises(InvalidConfig, match="'body'; valid: local_world_aligned, local, world"):
+    with pytest.raises(InvalidConfig, match="reference='body': give one of 'local_world_aligned', 'local', 'world'"):
         bk.kinematics(tricky()).jacobian([0.0] * 4, "tip", reference="body")

@@ -58,7 +58,7 @@ def test_a_bad_stream_says_so() -> None:
     with pytest.raises(UnknownName, match="hnad"):
         kin.stream(robot.sample(3), "hnad")
     for batch in (0, -1):
-        with pytest.raises(InvalidConfig, match="positive whole number"):
+        with pytest.raises(InvalidConfig, match=r"batch=.*: give a whole number of at least 1"):
             kin.stream(robot.sample(3), "hand", batch=batch)
     with pytest.raises(InvalidPosture, match=r"arrays \(batch, 2\), and this one is of shape \(2,\)"):
         next(kin.stream([robot.sample(())], "hand"))
