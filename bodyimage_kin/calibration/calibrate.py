@@ -26,7 +26,7 @@ _NUISANCE: tuple[Group, ...] = ("tracker", "plane")
 _DEFAULT: tuple[Group, ...] = ("axes", "offsets", "hand", "skin", *_NUISANCE)
 _ORDER: tuple[Group, ...] = ("hand", "skin", "encoders", "camera", "intrinsics", "offsets", "axes")
 """Groups that ``free="auto"`` tries, those of few numbers first where two help alike."""
-_GAIN = 0.01
+_GAIN = 0.05
 """Share by which a group must lower the held-out error to be freed."""
 
 
@@ -82,7 +82,7 @@ def fitted(
     prior: Prior,
     groups: Sequence[Group],
     robust: bool,
-    kept: Sequence[Bool[np.ndarray, "rows"]] | None = None,
+    kept: Sequence[Bool[np.ndarray, "_"]] | None = None,
 ) -> Fit:
     """The fit of some groups to some of the evidence; None: to all of it."""
     parameters = problem.parametric.parameters

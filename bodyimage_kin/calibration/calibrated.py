@@ -37,8 +37,8 @@ class HeldOut:
         blocks: Of each kind, (rows,) the block that was hidden when it was judged.
     """
 
-    errors: tuple[Float[np.ndarray, "rows"], ...]
-    blocks: tuple[Int[np.ndarray, "rows"], ...]
+    errors: tuple[Float[np.ndarray, "_"], ...]
+    blocks: tuple[Int[np.ndarray, "_"], ...]
 
     @property
     def medians(self) -> Float[np.ndarray, "terms"]:

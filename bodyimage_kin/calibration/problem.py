@@ -93,8 +93,8 @@ class Problem:
     body: Embodiment
     parametric: ParametricBody
     terms: tuple[Term, ...]
-    samples: tuple[Int[np.ndarray, "rows"], ...]
-    blocks: tuple[Int[np.ndarray, "rows"], ...]
+    samples: tuple[Int[np.ndarray, "_"], ...]
+    blocks: tuple[Int[np.ndarray, "_"], ...]
     intrinsics: Mapping[str, Intrinsics]
     held: frozenset[int]
     left_out: tuple[str, ...]

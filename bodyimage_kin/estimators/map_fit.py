@@ -78,8 +78,8 @@ class Fit:
     covariance: Float[np.ndarray, "parameters parameters"]
     information: Float[np.ndarray, "parameters parameters"]
     sigma: tuple[float, ...]
-    residuals: tuple[Float[np.ndarray, "count m"], ...]
-    slopes: tuple[Float[np.ndarray, "count m parameters"], ...]
+    residuals: tuple[Float[np.ndarray, "_ _"], ...]
+    slopes: tuple[Float[np.ndarray, "_ _ parameters"], ...]
     chi2: float
     cost: float
     stated: bool
