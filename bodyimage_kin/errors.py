@@ -15,6 +15,7 @@ __all__ = [
     "InvalidPosture",
     "InvalidRecording",
     "InvalidURDF",
+    "ManyMistakes",
     "MissingDependency",
     "NoSkin",
     "NotDifferentiable",
@@ -75,6 +76,23 @@ class InvalidRecording(BodyImageKinError):
 
 class InvalidConfig(BodyImageKinError):
     """A setting out of its range, or a configuration file that cannot be read; names the field."""
+
+
+class ManyMistakes(InvalidConfig):
+    """Several things that are wrong at once, told together.
+
+    Attributes:
+        place: Where: a file, or what was to be built.
+        mistakes: The error of each.
+    """
+
+    def __init__(self, place: str, mistakes: Iterable[BodyImageKinError]) -> None:
+        self.place, self.mistakes = place, tuple(mistakes)
+        lines = "".join(f"\n  {mistake}" for mistake in self.mistakes)
+        super().__init__(f"{place}: {len(self.mistakes)} mistakes:{lines}")
+
+    def __reduce__(self) -> tuple[type[ManyMistakes], tuple[str, tuple[BodyImageKinError, ...]]]:
+        return type(self), (self.place, self.mistakes)
 
 
 class InvalidArray(BodyImageKinError):

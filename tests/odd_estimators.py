@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
+import threading
 import time
 from dataclasses import dataclass
 
@@ -24,9 +27,58 @@ class Odd(Estimator):
             time.sleep(600)
         if self.way == "dies":
             os._exit(3)
+        if self.way == "exits":
+            sys.exit(3)
+        if self.way == "interrupts":
+            raise KeyboardInterrupt
+        if self.way == "kills itself":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if self.way == "aborts":
+            os.abort()
+        if self.way == "spins":
+            while True:
+                pass
+        if self.way == "recurses":
+            self.fit(exp, seed)
+        if self.way == "shouts":
+            raise ValueError("\0\ud800" + "é" * 5_000_000)
+        if self.way == "cannot be said":
+            raise Unsayable
+        if self.way == "forgets":
+            return None
+        if self.way == "closes all":
+            os.closerange(3, 100)
+        if self.way == "floods":
+            print("x" * 5_000_000)
+        if self.way == "starts threads":
+            threading.Thread(target=time.sleep, args=(600,)).start()
+        if self.way == "guesses":
+            return ConstantJacobian(torch.rand(2, 5, dtype=torch.float64))
+        if self.way == "leaks":
+            return Lambda(lambda q, dq: torch.zeros(len(q), 2))
         matrix = LeastSquares().fit(exp, seed).matrix
         wrong = {"nan": torch.full_like(matrix, torch.nan), "shape": matrix[:1]}
         return ConstantJacobian(wrong[self.way])
+
+
+class Unsayable(Exception):
+    """Has no words and cannot travel."""
+
+    def __init__(self):
+        self.lock = threading.Lock()
+
+    def __str__(self):
+        raise RuntimeError
+
+
+class Lambda:
+    """Answers that are no tensors of float64."""
+
+    def __init__(self, displacement):
+        self.displacement = displacement
+
+    def jacobian(self, q):
+        return "a text"
 
 
 class Plain:

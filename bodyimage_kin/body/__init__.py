@@ -6,9 +6,10 @@ from bodyimage_kin.body.cameras import Stereo as Stereo
 from bodyimage_kin.body.cameras import Tracker as Tracker
 from bodyimage_kin.body.cameras import VirtualScreen as VirtualScreen
 from bodyimage_kin.body.embodiment import Embodiment as Embodiment
-from bodyimage_kin.body.embodiment import Hand as Hand
+from bodyimage_kin.body.embodiment import Frame as Frame
 from bodyimage_kin.body.file import embodiments as embodiments
 from bodyimage_kin.body.file import load_embodiment as load_embodiment
+from bodyimage_kin.body.hand import Hand as Hand
 from bodyimage_kin.body.pinhole import Pinhole as Pinhole
 from bodyimage_kin.body.skin import Patch as Patch
 from bodyimage_kin.body.skin import Skin as Skin

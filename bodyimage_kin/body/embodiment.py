@@ -1,4 +1,4 @@
-"""An embodiment: a robot, the joints it feels, its hand, its camera, its skin and its home posture.
+"""An embodiment: a robot, the joints it feels, its hand, its camera, its skin (or none) and its home posture.
 
 Everything a study asks about the body in terms of felt joints is answered here: where the hand's image is, how it moves
 with the joints (the analytic truth, right also when the camera is carried by a felt joint), and which postures touch a
@@ -8,287 +8,233 @@ taxel.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+import html
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import tomli_w
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures, refuse_not_finite
-from bodyimage_kin._checks import choice
-from bodyimage_kin.backends import RobotKinematics, somebody_differentiates
+from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures
+from bodyimage_kin._checks import number, text
+from bodyimage_kin.backends import Kinematics, backends, kinematics
 from bodyimage_kin.body import reach
+from bodyimage_kin.body._build import Mistakes, check_parts, put_together
+from bodyimage_kin.body._description import describe
 from bodyimage_kin.body._reach_kernels import point_in_frame
-from bodyimage_kin.body._sight import Seen, Sight
-from bodyimage_kin.body.cameras import Camera, VirtualScreen
+from bodyimage_kin.body._seeing import SeeingBody
+from bodyimage_kin.body.cameras import Camera
+from bodyimage_kin.body.hand import Hand
 from bodyimage_kin.body.skin import Skin
-from bodyimage_kin.errors import (
-    InvalidArray,
-    InvalidConfig,
-    InvalidPosture,
-    NoSkin,
-    NotVisible,
-    UnknownName,
-    Unreachable,
-)
-from bodyimage_kin.robot import Robot, shapes
+from bodyimage_kin.errors import InvalidConfig, InvalidPosture, UnknownName, Unreachable
+from bodyimage_kin.robot import Robot
+
+__all__ = ["Embodiment", "Frame"]
 
 
-@dataclass(frozen=True, eq=False)
-class Hand:
-    """A spherical hand on a link.
+class Frame(NamedTuple):
+    """A place and directions in the axes of a link, where a motion takes place.
 
     Attributes:
-        link: The link that carries it.
-        offset: (3,) its centre, in the link [m].
-        radius: [m].
+        origin: (3,) [m].
+        right: (3,) unit vector, to the right as the eye sees it.
+        down: (3,) unit vector.
+        forward: (3,) unit vector, away from what is behind the motion: out of the face, or along the camera's axis.
     """
 
-    link: str
-    offset: Float[Tensor, "3"]
-    radius: float
+    origin: Float[np.ndarray, "3"]
+    right: Float[np.ndarray, "3"]
+    down: Float[np.ndarray, "3"]
+    forward: Float[np.ndarray, "3"]
 
 
 @dataclass(frozen=True, eq=False)
-class Embodiment:
-    """A body that feels p of its robot's joints. Load one with :func:`load_embodiment`.
+class Embodiment(SeeingBody):
+    """A body that feels p of its robot's joints. Put one together with :meth:`build`, or load one from its file.
 
-    Unless said otherwise, postures are of the felt joints, ``(*batch, p)``; the other joints stay at home.
+    Unless said otherwise, postures are of the felt joints, ``(*batch, p)``; the other joints stay at home. Two bodies
+    are equal when their parts are, wherever they came from.
 
     Attributes:
         name: The embodiment's name.
         robot: The whole robot.
-        joints: The p felt joints, in the robot's order.
+        joints: The p felt joints, in the order they were given: that of every posture, Jacobian and recording.
         hand: The hand that is seen and that touches.
         camera: The eye that sees it.
         skin: The taxels it touches; None: none.
         home: (n,) rest posture of the whole robot.
         kinematics: Of ``felt_robot``, by the chosen backend.
-        source: The configuration it was made from.
     """
 
-    name: str
-    robot: Robot
-    joints: tuple[str, ...]
-    hand: Hand
-    camera: Camera
-    skin: Skin | None
-    home: Float[Tensor, "n"]
-    kinematics: RobotKinematics
-    source: bytes
+    @classmethod
+    def build(
+        cls,
+        robot: Robot,
+        *,
+        joints: Sequence[str],
+        hand: Hand,
+        camera: Camera,
+        skin: Skin | None = None,
+        home: Mapping[str, float] | ArrayLike | None = None,
+        name: str | None = None,
+        backend: str | Kinematics | type | None = None,
+    ) -> Embodiment:
+        """A body put together in code.
+
+        Args:
+            robot: The whole robot.
+            joints: The joints it feels; their order is that of every posture, Jacobian and recording.
+            hand: On a link of the robot.
+            camera: On a link: the root of a camera that stands in the world, a link of the arm for an eye in hand.
+            skin: On a link, laid while the robot was at any home; None: none.
+            home: Rest posture, by name [rad or m] or as (n,); joints not named are at 0, or at the limit next to it.
+            name: The embodiment's name; None: the robot's.
+            backend: As in :func:`bodyimage_kin.kinematics`.
+
+        Raises:
+            UnknownName: A joint or link that the robot does not have.
+            InvalidConfig: A joint that is fixed, follows another or stands twice, or a home beyond the limits.
+            ManyMistakes: Several such things, all told at once.
+        """
+        for what, part, kind in (("robot", robot, Robot), ("hand", hand, Hand), ("camera", camera, Camera)):
+            if not isinstance(part, kind):
+                raise InvalidConfig(f"{what} is {type(part).__name__}; give a bk.{kind.__name__}")
+        called = text("name", robot.name if name is None else name)
+        mistakes = Mistakes(f"embodiment '{called}'")
+        links = {"hand": hand.link, "camera": camera.link} | ({} if skin is None else {"skin": skin.link})
+        felt, posture = check_parts(mistakes, robot, joints, links, home)
+        mistakes.tell()
+        built = put_together(robot, felt, list(links.values()), posture, backend)
+        body = cls(called, robot, felt, hand, camera, None, posture, built)
+        return body if skin is None else replace(body, skin=skin.at(built.pose(body.felt_home, skin.link)))
 
     def __repr__(self) -> str:
-        return f"Embodiment({self.name!r}, robot={self.robot.name!r}, joints={self.joints})"
+        skin = "no skin" if self.skin is None else f"{self.skin.count} taxels on '{self.skin.link}'"
+        model = type(self.camera.model).__name__
+        return (
+            f"Embodiment({self.name!r}: feels {self.p} of {self.robot.n} joints, hand '{self.hand.link}', "
+            f"{model} on '{self.camera.link}', {skin})"
+        )
 
-    @property
-    def felt_robot(self) -> Robot:
-        """The smaller robot that moves hand, camera and skin by the felt joints alone."""
-        return self.kinematics.robot
+    def _repr_html_(self) -> str:
+        """The same for notebooks: a table of the parts."""
+        model = self.camera.model
+        skin = "none" if self.skin is None else f"{self.skin.count} taxels on {self.skin.link}"
+        rows = {
+            "robot": f"{self.robot.name}, {self.robot.n} joints, {len(self.robot.link_names)} links",
+            "feels": ", ".join(self.joints),
+            "hand": f"{self.hand.link}, {tuple(self.hand.offset.tolist())} m, radius {self.hand.radius:g} m",
+            "camera": f"{model!r} on {self.camera.link}: {', '.join(model.names)} [{model.unit}]",
+            "skin": skin,
+            "sha256": self.sha256[:12],
+        }
+        cells = "".join(f"<tr><th>{key}</th><td>{html.escape(value)}</td></tr>" for key, value in rows.items())
+        return f"<p><b>{html.escape(self.name)}</b></p><table>{cells}</table>"
 
-    @property
-    def p(self) -> int:
-        """Number of felt joints."""
-        return len(self.joints)
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Embodiment):
+            return NotImplemented
+        return self is other or (self.sha256 == other.sha256 and self.camera == other.camera)
 
-    @property
-    def m(self) -> int:
-        """Number of coordinates of a hand image."""
-        return self.camera.model.m
+    def __hash__(self) -> int:
+        return int(self.sha256[:15], 16)
 
-    @cached_property
-    def felt_home(self) -> Float[Tensor, "p"]:
-        """The home posture's felt joints."""
-        return self.home[self._columns]
+    def __getstate__(self) -> dict[str, Any]:
+        """Fields alone; kinematics by the name of its backend, as what libraries hold cannot always be copied."""
+        state = {field.name: getattr(self, field.name) for field in fields(self)}
+        if self.kinematics.name in backends() or ":" in self.kinematics.name:
+            state["kinematics"] = (self.kinematics.robot, self.kinematics.name)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        if isinstance(state["kinematics"], tuple):
+            state = state | {"kinematics": kinematics(*state["kinematics"])}
+        self.__dict__.update(state)
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of the configuration and of the robot's source, hexadecimal."""
-        return hashlib.sha256(self.source + self.robot.source).hexdigest()
+        """Hash of the robot's source and of everything else the body is made of, hexadecimal."""
+        told = json.dumps(describe(self, strict=False), sort_keys=True)
+        return hashlib.sha256(f"{self.robot.sha256}\n{told}".encode()).hexdigest()
 
-    @cached_property
-    def _fixed_poses(self) -> dict[str, Tensor | None]:
-        return {}
-
-    @cached_property
-    def _columns(self) -> Tensor:
-        return torch.tensor([self.robot.joint_index(name) for name in self.joints], dtype=torch.long)
-
-    def require_skin(self) -> Skin:
-        """The skin, for what needs one.
-
-        Raises:
-            NoSkin: There is none.
-        """
-        if self.skin is None:
-            raise NoSkin(self.name)
-        return self.skin
-
-    def full_posture(self, q: ArrayLike) -> Float[Tensor, "*batch n"]:
-        """Postures of the whole robot, the joints that are not felt at home.
-
-        Raises:
-            InvalidPosture: The last axis is not of the p felt joints.
-        """
-        felt = as_postures(q, self.p)
-        home = self.home.to(felt).expand(*felt.shape[:-1], self.robot.n)
-        return home.index_copy(-1, self._columns, felt)
-
-    # What the eye sees -----------------------------------------------------------------------------------------------
-
-    def hand_position(self, q: ArrayLike, hand_offset: ArrayLike | None = None) -> Float[Tensor, "*batch 3"]:
-        """The hand's centre in the root [m].
+    def to_toml(self, urdf: str | None = None) -> str:
+        """The body as the text of a TOML file, from which :func:`bodyimage_kin.load_embodiment` builds an equal one.
 
         Args:
-            q: Postures ``(*batch, p)``.
-            hand_offset: As in :meth:`hand_image`.
+            urdf: Where the robot's file is, as seen from the TOML's folder; None: where the robot was read from, or
+                NAME.urdf of one that was not read from a file.
 
         Raises:
-            InvalidPosture: As in :meth:`hand_image`.
-            InvalidArray: As in :meth:`hand_image`.
+            InvalidConfig: A camera model of one's own that holds more than plain values.
         """
-        q = as_postures(q, self.p)
-        position, _, _ = self._point(q, self.hand.link, self._offset(q, hand_offset))
-        return position
+        tables = describe(self)
+        place = urdf or (f"{self.name}.urdf" if self.robot.file is None else str(self.robot.file))
+        return tomli_w.dumps({"name": tables.pop("name"), "urdf": place, **tables})
 
-    def hand_in_camera(self, q: ArrayLike, hand_offset: ArrayLike | None = None) -> Float[Tensor, "*batch 3"]:
-        """The hand's centre in the camera's axes [m]: ``c = R (p_h - p_c)`` (equation 17).
+    def save(self, path: str | Path) -> Path:
+        """Writes the body as a TOML file; beside it the robot's URDF where it has no file of its own.
 
         Args:
-            q: Postures ``(*batch, p)``.
-            hand_offset: As in :meth:`hand_image`.
+            path: Name of the file, ending in ``.toml``.
+
+        Returns:
+            The path.
 
         Raises:
-            InvalidPosture: As in :meth:`hand_image`.
-            InvalidArray: As in :meth:`hand_image`.
+            InvalidConfig: As :meth:`to_toml`, or another ending.
         """
-        q = as_postures(q, self.p)
-        hand, _, _ = self._point(q, self.hand.link, self._offset(q, hand_offset))
-        camera, root_R_camera, _ = self._camera(q)
-        return (root_R_camera.transpose(-1, -2) @ (hand - camera)[..., None])[..., 0]
+        from bodyimage_kin.body.file import save_embodiment
 
-    def hand_image(
-        self,
-        q: ArrayLike,
-        hand_offset: ArrayLike | None = None,
-        on_invisible: Literal["raise", "nan"] | str = "raise",
-    ) -> Float[Tensor, "*batch m"]:
-        """What the camera reports of the hand, in its unit, differentiable (equations 6 and 17 to 19).
-
-        Args:
-            q: Postures ``(*batch, p)``.
-            hand_offset: Another point that is observed in place of the hand's centre, (3,) or ``(*batch, 3)`` in the
-                hand's link [m]; None: the hand's centre.
-            on_invisible: What happens when the hand has no image: it is not in front of the camera plane (z <= 0), or
-                so far aside that the lens' distortion has turned back.
-
-        Raises:
-            NotVisible: No image, with ``on_invisible="raise"``.
-            InvalidPosture: Wrong last axis, dtype, or a value that is not finite.
-            InvalidArray: A ``hand_offset`` of another shape, or not finite.
-        """
-        choice("on_invisible", on_invisible, ("raise", "nan"))
-        q = as_postures(q, self.p)
-        if (seen := self._seen(q, hand_offset, with_jacobian=False)) is not None:
-            self._told(seen.none, on_invisible)
-            return seen.image
-        image = self.camera.model.project(self.hand_in_camera(q, hand_offset))
-        if on_invisible == "raise":
-            self._told(image.isnan().any(-1), on_invisible)
-        return image
-
-    def hand_image_jacobian(
-        self,
-        q: ArrayLike,
-        hand_offset: ArrayLike | None = None,
-        on_invisible: Literal["raise", "nan"] | str = "raise",
-    ) -> Float[Tensor, "*batch m p"]:
-        """How the hand image moves with the felt joints [unit of the image/rad]: the analytic truth.
-
-        With everything in the root's axes, hand point p_h and camera at p_c::
-
-            dc = R (J_vh - [R_link o]x J_wh - J_vc + [p_h - p_c]x J_wc) dq
-
-        and then the derivative of the camera's projection; of the virtual screen it is
-        ``h_z/z [[1, 0, -x/z], [0, 1, -y/z]]``.
-
-        Args:
-            q: Postures ``(*batch, p)``.
-            hand_offset: As in :meth:`hand_image`; fixed in the hand's link.
-            on_invisible: As in :meth:`hand_image`.
-
-        Raises:
-            NotVisible: As in :meth:`hand_image`.
-            InvalidPosture: As in :meth:`hand_image`.
-            InvalidArray: As in :meth:`hand_image`.
-        """
-        choice("on_invisible", on_invisible, ("raise", "nan"))
-        q = as_postures(q, self.p)
-        if (seen := self._seen(q, hand_offset, with_jacobian=True)) is not None:
-            self._told(seen.none, on_invisible)
-            return seen.jacobian
-        hand, _, hand_jacobian = self._point(q, self.hand.link, self._offset(q, hand_offset))
-        camera, root_R_camera, camera_jacobian = self._camera(q)
-        away = hand - camera
-        camera_R_root = root_R_camera.transpose(-1, -2)
-        point = (camera_R_root @ away[..., None])[..., 0]
-        linear, angular = camera_jacobian[..., :3, :], camera_jacobian[..., 3:, :]
-        turned = torch.linalg.cross(away[..., None].expand_as(angular), angular, dim=-2)
-        moved = camera_R_root @ (hand_jacobian[..., :3, :] - linear + turned)
-        jacobian = self.camera.model.derivative(point) @ moved
-        if on_invisible == "raise":
-            self._told(jacobian.isnan().flatten(-2).any(-1), on_invisible)
-        return jacobian
-
-    def visible(self, q: ArrayLike, hand_offset: ArrayLike | None = None) -> Bool[Tensor, "*batch"]:
-        """Whether the eye sees the hand.
-
-        The camera's model says so (a virtual screen: the hand's centre is beyond the near plane, inside the cone about
-        the camera's axis), and, of a body with a skin, the segment from the eye (the landmark on the skin) to the hand
-        does not pass through the shapes of the skin's link.
-
-        Args:
-            q: Postures ``(*batch, p)``.
-            hand_offset: As in :meth:`hand_image`.
-
-        Raises:
-            InvalidPosture: As in :meth:`hand_image`.
-            InvalidArray: As in :meth:`hand_image`.
-        """
-        q = as_postures(q, self.p)
-        with torch.no_grad():
-            in_view = self.camera.model.visible(self.hand_in_camera(q, hand_offset))
-            if self.skin is None:
-                return in_view
-            in_skin = self.hand_in_skin(q, hand_offset).reshape(-1, 3).to(torch.float64).numpy()
-        eye = np.broadcast_to(self.skin.link_positions[self.skin.eye], in_skin.shape)
-        hidden = torch.from_numpy(shapes.blocked(self.skin.shapes, eye, in_skin))
-        return in_view & ~hidden.reshape(in_view.shape)
-
-    def hand_in_skin(self, q: ArrayLike, hand_offset: ArrayLike | None = None) -> Float[Tensor, "*batch 3"]:
-        """The hand's centre in the axes of the skin's link [m].
-
-        Args:
-            q: Postures ``(*batch, p)``.
-            hand_offset: As in :meth:`hand_image`.
-
-        Raises:
-            NoSkin: The body has none.
-            InvalidPosture: As in :meth:`hand_image`.
-            InvalidArray: As in :meth:`hand_image`.
-        """
-        link = self.require_skin().link
-        q = as_postures(q, self.p)
-        hand, _, _ = self._point(q, self.hand.link, self._offset(q, hand_offset))
-        skin, _ = self._pose_and_jacobian(q, link)
-        return (skin[..., :3, :3].transpose(-1, -2) @ (hand - skin[..., :3, 3])[..., None])[..., 0]
+        return save_embodiment(self, path)
 
     # What the hand reaches -------------------------------------------------------------------------------------------
 
+    @property
+    def front_link(self) -> str:
+        """The link in whose axes the hand is led: the skin's; of a body without skin, the camera's."""
+        return self.camera.link if self.skin is None else self.skin.link
+
+    def circle_frame(self, distance: float) -> Frame:
+        """Where a frontal circle has its centre, in the axes of :attr:`front_link`.
+
+        Of a body with a skin it is where the hand is in front of the middle taxel, facing it; of one without, on the
+        camera's axis.
+
+        Args:
+            distance: In front of touching, along the patch's forward direction; or the depth in front of the camera,
+                which must then be above 0 [m].
+
+        Raises:
+            InvalidConfig: No number, or no depth.
+        """
+        if self.skin is not None:
+            middle = (self.skin.shape[0] // 2) * self.skin.shape[1] + self.skin.shape[1] // 2
+            patch = self.skin.patch
+            return Frame(
+                self.touch_centres([middle], distance)[0].numpy(), patch.right, patch.down, np.asarray(patch.forward)
+            )
+        depth = number(
+            f"embodiment '{self.name}' has no skin, so that a circle stands in front of its camera; distance",
+            distance,
+            above=0.0,
+        )
+        right, down, forward, origin = self.camera.link_T_camera[:3].numpy().T
+        return Frame(origin + depth * forward, right, down, forward)
+
     def touch_centres(self, taxels: ArrayLike, distance: float = 0.0) -> Float[Tensor, "count 3"]:
-        """Where the hand's centre touches taxels, or is ``distance`` [m] in front of that, in the skin's link [m]."""
+        """Where the hand's centre touches taxels, or is ``distance`` [m] in front of that, in the skin's link [m].
+
+        Raises:
+            NoSkin: The body has none.
+            UnknownName: A taxel that does not exist.
+        """
         skin = self.require_skin()
         indices = np.atleast_1d(np.asarray(taxels))
         if indices.dtype.kind not in "iu" or indices.ndim != 1:
@@ -308,6 +254,7 @@ class Embodiment:
             distance: How far in front of touching, along the patch's forward direction [m].
 
         Raises:
+            NoSkin: The body has none.
             Unreachable: Taxels that no posture within the limits touches; names them.
             UnknownName: A taxel that does not exist.
         """
@@ -324,23 +271,23 @@ class Embodiment:
         return q
 
     def reach(self, centres: Float[Tensor, "count 3"]) -> tuple[Float[Tensor, "count p"], Bool[Tensor, "count"]]:
-        """Postures that bring the hand's centre to points given in the skin's link [m], displaced least from home.
+        """Postures that bring the hand's centre to points given in :attr:`front_link` [m], displaced least from home.
 
         Returns:
             Postures, and whether each gets there (to a nanometre).
         """
         return reach.least_displacement(
-            self.hand_in_skin_and_jacobian, centres, self.felt_home, self.felt_robot.lower, self.felt_robot.upper
+            self.hand_in_front_and_jacobian, centres, self.felt_home, self.felt_robot.lower, self.felt_robot.upper
         )
 
-    def hand_in_skin_and_jacobian(
+    def hand_in_front_and_jacobian(
         self, q: Float[Tensor, "*batch p"]
     ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3 p"]]:
-        """The hand's centre in the axes of the skin's link [m], and its derivative [m/rad], without gradient."""
+        """The hand's centre in the axes of :attr:`front_link` [m], and its derivative [m/rad], without gradient."""
         flat = q.detach().reshape(-1, self.p).to("cpu", torch.float64)
-        pose, jacobian = self._pose_and_jacobian(flat, self.hand.link)
-        frame, frame_jacobian = self._skin_frame or tuple(
-            part.numpy() for part in self._pose_and_jacobian(flat, self.require_skin().link)
+        pose, jacobian = self._places.pose_and_jacobian(flat, self.hand.link)
+        frame, frame_jacobian = self._front_frame or tuple(
+            part.numpy() for part in self._places.pose_and_jacobian(flat, self.front_link)
         )
         position, moved = flat.new_empty(len(flat), 3), flat.new_empty(len(flat), 3, self.p)
         point_in_frame(
@@ -350,91 +297,10 @@ class Embodiment:
         return position.to(q).reshape(*q.shape[:-1], 3), moved.to(q).reshape(*q.shape[:-1], 3, self.p)
 
     @cached_property
-    def _skin_frame(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Pose and Jacobian of the skin's link, one for all postures; None where a felt joint moves it."""
-        fixed = self._fixed_pose(self.require_skin().link)
+    def _front_frame(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Pose and Jacobian of the link in front, one for all postures; None where a felt joint moves it."""
+        fixed = self._places.fixed_pose(self.front_link)
         return None if fixed is None else (fixed[None].numpy(), np.zeros((1, 6, self.p)))
-
-    # Inner -----------------------------------------------------------------------------------------------------------
-
-    def _pose_and_jacobian(
-        self, q: Float[Tensor, "*batch p"], link: str
-    ) -> tuple[Float[Tensor, "*batch 4 4"], Float[Tensor, "*batch 6 p"]]:
-        """Of a link."""
-        fixed = self._fixed_pose(link)
-        if fixed is None:
-            return self.kinematics.pose_and_jacobian(q, link)
-        batch = q.shape[:-1]
-        return fixed.to(q).expand(*batch, 4, 4), q.new_zeros(()).expand(*batch, 6, self.p)
-
-    def _fixed_pose(self, link: str) -> Float[Tensor, "4 4"] | None:
-        """Of a link that no felt joint moves, computed once; None of one that moves."""
-        if link not in self._fixed_poses:
-            moves = any(joint.kind != "fixed" for joint in self.felt_robot.path(link))
-            self._fixed_poses[link] = None if moves else self.kinematics.pose(self.felt_home, link)
-        return self._fixed_poses[link]
-
-    def _point(
-        self, q: ArrayLike, link: str, offset: Float[Tensor, "*given 3"]
-    ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 6 p"]]:
-        """A point fixed in a link: its position and the link's orientation in the root, and the point's Jacobian."""
-        pose, jacobian = self._pose_and_jacobian(as_postures(q, self.p), link)
-        rotation = pose[..., :3, :3]
-        arm = (rotation @ offset.to(pose)[..., None])[..., 0]
-        linear, angular = jacobian[..., :3, :], jacobian[..., 3:, :]
-        moved = linear - torch.linalg.cross(arm[..., None].expand_as(angular), angular, dim=-2)
-        return pose[..., :3, 3] + arm, rotation, torch.cat([moved, angular], dim=-2)
-
-    def _camera(
-        self, q: ArrayLike
-    ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 6 p"]]:
-        """The optical centre and the camera's orientation in the root, and the centre's Jacobian."""
-        position, rotation, jacobian = self._point(q, self.camera.link, self.camera.link_T_camera[:3, 3])
-        return position, rotation @ self.camera.link_T_camera[:3, :3].to(rotation), jacobian
-
-    def _offset(self, q: Float[Tensor, "*batch p"], hand_offset: ArrayLike | None) -> Float[Tensor, "*given 3"]:
-        """The observed point in the hand's link, (3,) or one a posture."""
-        if hand_offset is None:
-            return self.hand.offset
-        offset = as_float_tensor(hand_offset, "hand_offset").to(q)
-        if tuple(offset.shape) not in ((3,), (*q.shape[:-1], 3)):
-            raise InvalidArray(
-                f"hand_offset has shape {tuple(offset.shape)}; give (3,), or one for each of the postures "
-                f"{tuple(q.shape[:-1])}: {(*q.shape[:-1], 3)}"
-            )
-        refuse_not_finite(offset, "hand_offset", InvalidArray)
-        return offset
-
-    @cached_property
-    def _sight(self) -> Sight | None:
-        return Sight.of(self.kinematics, self.hand.link, self.hand.offset, self.camera)
-
-    def _seen(self, q: Float[Tensor, "*batch p"], hand_offset: ArrayLike | None, with_jacobian: bool) -> Seen | None:
-        """What the camera reports, in one go, where nobody differentiates it."""
-        if self._sight is None or not q.is_cpu or somebody_differentiates(q):
-            return None
-        offsets = None
-        if hand_offset is not None:
-            offset = self._offset(q, hand_offset)
-            if somebody_differentiates(offset):
-                return None
-            offsets = offset.detach().to(torch.float64).expand(*q.shape[:-1], 3).reshape(-1, 3)
-        flat = q.detach().reshape(-1, self.p).to(torch.float64)
-        image, none, jacobian = self._sight(flat, offsets, with_jacobian)
-        batch = q.shape[:-1]
-        return Seen(
-            image.to(q.dtype).reshape(*batch, image.shape[-1]),
-            none.reshape(batch),
-            jacobian.to(q.dtype).reshape(*batch, *jacobian.shape[1:]),
-        )
-
-    def _told(self, none: Bool[Tensor, "*batch"], on_invisible: str) -> None:
-        if on_invisible == "raise" and bool(none.any()):
-            lens = "" if isinstance(self.camera.model, VirtualScreen) else ", or beyond what its model can show,"
-            raise NotVisible(
-                f"the hand is behind the camera plane{lens} in {int(none.sum())} of {none.numel()} postures and has no "
-                "image there; leave these out, or ask for on_invisible='nan'"
-            )
 
     def check_felt(self, q: ArrayLike) -> Float[Tensor, "*batch p"]:
         """Postures of the felt joints, checked to lie within the joint limits (to a nanoradian).

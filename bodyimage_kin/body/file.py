@@ -1,24 +1,25 @@
-"""Embodiments as TOML files: read, checked field by field, and built."""
+"""Embodiments as TOML files: read, checked as a whole, built; and written so that they are read back equal."""
 
 from __future__ import annotations
 
-import math
+import dataclasses
 import tomllib
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
-from jaxtyping import Float
-
-from bodyimage_kin.backends import Kinematics, kinematics
-from bodyimage_kin.body.cameras import Camera, VirtualScreen
-from bodyimage_kin.body.embodiment import Embodiment, Hand
-from bodyimage_kin.body.skin import Patch, Skin
+from bodyimage_kin import _checks
+from bodyimage_kin._files import atomic_path, write_text
+from bodyimage_kin.backends import Kinematics
+from bodyimage_kin.body._build import Mistakes, check_parts, put_together
+from bodyimage_kin.body._camera_table import read_camera
+from bodyimage_kin.body._skin_table import read_skin
+from bodyimage_kin.body._tables import Table
+from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.body.hand import Hand
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.robot import Robot, transforms
-from bodyimage_kin.robot.shapes import collision_shapes
+from bodyimage_kin.robot import Robot
+
+__all__ = ["embodiment_folder", "embodiments", "load_embodiment"]
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -36,6 +37,9 @@ def embodiments() -> tuple[str, ...]:
 def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type | None = None) -> Embodiment:
     """An embodiment by name, or from a TOML file.
 
+    A camera model of one's own, ``model = "package.module:Class"``, is looked for in what is installed, beside the file
+    and in the current folder; it is looked at before it is built of the table's other fields.
+
     Args:
         name_or_path: One of :func:`embodiments`, or the path of a TOML file.
         backend: As in :func:`bodyimage_kin.kinematics`.
@@ -43,6 +47,7 @@ def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type |
     Raises:
         UnknownName: No such embodiment, or a joint, link or landmark that does not exist.
         InvalidConfig: A file that is no TOML, or a field that is missing, unknown or out of range; names the field.
+        ManyMistakes: Several such things, all told at once.
         InvalidURDF: The robot it names cannot be trusted.
     """
     path = Path(name_or_path)
@@ -51,163 +56,82 @@ def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type |
             raise UnknownName("embodiment", str(name_or_path), (*embodiments(), "a path ending in .toml"))
         path = embodiment_folder() / f"{name_or_path}.toml"
     try:
-        source = path.read_bytes()
-        table = tomllib.loads(source.decode())
+        values = tomllib.loads(path.read_bytes().decode())
     except OSError as problem:
         raise InvalidConfig(f"cannot read embodiment '{path}': {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise InvalidConfig(f"embodiment '{path.name}' is no valid TOML: {problem}") from None
-    return _build(_Table(table, path.name), path.parent, source, backend)
+    return _read(values, path, backend)
 
 
-class _Table:
-    """A TOML table whose every field is asked for by name and kind; what nobody asks for is an error."""
-
-    def __init__(self, values: Mapping[str, Any], place: str) -> None:
-        self.values, self.place, self.asked = values, place, set[str]()
-
-    def take(self, field: str, kind: str, check: Callable[[Any], bool], default: Any = None) -> Any:
-        self.asked.add(field)
-        if field not in self.values:
-            if default is None:
-                raise InvalidConfig(f"{self.place}: field '{field}' is missing; give {kind}")
-            return default
-        value = self.values[field]
-        if not check(value):
-            raise InvalidConfig(f"{self.place}: field '{field}' is {value!r}; give {kind}")
-        return value
-
-    def text(self, field: str) -> str:
-        return str(self.take(field, "a name", lambda value: isinstance(value, str) and bool(value)))
-
-    def number(self, field: str, default: float | None = None, below: float = math.inf) -> float:
-        kind = "a positive number" + (f" below {below:g}" if math.isfinite(below) else "")
-        return float(self.take(field, kind, lambda value: _is_number(value) and 0 < value < below, default))
-
-    def vector(self, field: str, length: int = 3, default: list[float] | None = None) -> Float[np.ndarray, "length"]:
-        kind = f"{length} finite numbers"
-        return np.array(self.take(field, kind, lambda v: _is_list(v, length, _is_number), default), dtype=float)
-
-    def table(self, field: str) -> _Table:
-        return _Table(self.take(field, "a table", lambda value: isinstance(value, dict)), f"{self.place} [{field}]")
-
-    def refuse_unknown(self) -> None:
-        for field in self.values:
-            if field not in self.asked:
-                unknown = UnknownName(f"field in {self.place}", field, sorted(self.asked))
-                raise InvalidConfig(str(unknown))
+def save_embodiment(body: Embodiment, path: str | Path) -> Path:
+    """Writes an embodiment as a TOML file that is read back equal; see :meth:`Embodiment.save`."""
+    path = Path(path)
+    if path.suffix != ".toml":
+        raise InvalidConfig(f"'{path}' is no name of an embodiment's file; let it end in .toml")
+    urdf = _robot_beside(body.robot, path)
+    write_text(path, body.to_toml(urdf))
+    return path
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _robot_beside(robot: Robot, path: Path) -> str:
+    """The robot's file as seen from an embodiment's; written beside it where there is none, or another one by now."""
+    folder = path.parent.absolute()
+    if robot.file is not None:
+        file = robot.file.absolute()
+        if file.is_file() and file.read_bytes() == robot.source:
+            return file.relative_to(folder).as_posix() if file.is_relative_to(folder) else file.as_posix()
+    beside = path.with_suffix(".urdf")
+    with atomic_path(beside) as temporary:
+        temporary.write_bytes(robot.source)
+    return beside.name
 
 
-def _is_list(value: Any, length: int, check: Callable[[Any], bool]) -> bool:
-    return isinstance(value, list) and len(value) == length and all(map(check, value))
+def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type | None) -> Embodiment:
+    """All mistakes are gathered before any is told."""
+    mistakes = Mistakes(path.name)
+    table = Table(values, path.name, mistakes)
+    name, urdf = table.text("name"), table.text("urdf", "the robot's file")
+    joints = table.take("joints", _names, wanted="a list of joint names")
+    home, hand = table.table("home", default=None), table.table("hand")
+    camera, skin = table.table("camera"), table.table("skin", default=None)
+    table.close()
+    the_hand: Any = None if hand is None else _read_hand(hand)
+    the_camera: Any = None if camera is None else read_camera(camera, path.parent)
+    the_skin = None if skin is None else read_skin(skin)
+    robot: Any = None
+    felt: Any = None
+    posture: Any = None
+    if urdf is not None:
+        with mistakes.noted():
+            robot = Robot.from_urdf(path.parent / urdf)
+    if robot is not None:
+        links = {
+            what: one.values["link"]
+            for what, one in (("hand", hand), ("camera", camera), ("skin", skin))
+            if one is not None and isinstance(one.values.get("link"), str)
+        }
+        named = None if home is None else home.values
+        felt, posture = check_parts(mistakes, robot, joints, links, named, f"{path.name} ")
+    mistakes.tell()
+    places = [the_hand.link, the_camera.link, *([] if the_skin is None else [the_skin[0]])]
+    kinematics = put_together(robot, felt, places, posture, backend)
+    body = Embodiment(name, robot, felt, the_hand, the_camera, None, posture, kinematics)
+    if the_skin is None:
+        return body
+    link, lay = the_skin
+    return dataclasses.replace(body, skin=lay(robot, kinematics.pose(body.felt_home, link)))
 
 
-def _is_count(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
-
-
-def _build(table: _Table, folder: Path, source: bytes, backend: str | Kinematics | type | None) -> Embodiment:
-    name = table.text("name")
-    robot = Robot.from_urdf(folder / table.text("urdf"))
-    felt = table.take(
-        "joints", "a list of joint names", lambda v: isinstance(v, list) and bool(v) and len(set(map(str, v))) == len(v)
-    )
-    indices = sorted(robot.joint_index(joint) for joint in felt)
-    joints = tuple(robot.joint_names[index] for index in indices)
-    home = _home(table.table("home"), robot)
-    hand = _hand(table.table("hand"), robot)
-    camera = _camera(table.table("camera"), robot)
-    skin_table = table.table("skin")
-    link = robot.check_link(skin_table.text("link"))
-    table.refuse_unknown()
-    arm = robot.subtree([hand.link, camera.link, link], joints=joints, posture=home)
-    felt_kinematics = kinematics(arm, backend)
-    root_T_link = felt_kinematics.pose(home[indices], link)
-    skin = _skin(skin_table, link, robot, root_T_link)
-    return Embodiment(name, robot, joints, hand, camera, skin, home, felt_kinematics, source)
-
-
-def _home(table: _Table, robot: Robot) -> torch.Tensor:
-    values = {
-        robot.joint_names[robot.joint_index(joint)]: table.take(joint, "a number", _is_number) for joint in table.values
-    }
-    home = robot.posture(values, base=torch.zeros(robot.n, dtype=torch.float64))
-    for index, joint in enumerate(robot.joint_names):
-        lower, upper = float(robot.lower[index]), float(robot.upper[index])
-        if not lower <= float(home[index]) <= upper:
-            raise InvalidConfig(
-                f"{table.place}: joint '{joint}' is at {float(home[index]):g} at home, beyond its limits "
-                f"{lower:g} to {upper:g}; give a value within"
-            )
-    return home
-
-
-def _hand(table: _Table, robot: Robot) -> Hand:
-    hand = Hand(
-        link=robot.check_link(table.text("link")),
-        offset=torch.from_numpy(table.vector("offset", default=[0.0, 0.0, 0.0])),
-        radius=table.number("radius"),
-    )
-    table.refuse_unknown()
+def _read_hand(table: Table) -> Hand | None:
+    link, offset = table.text("link"), table.numbers("offset", 3, default=(0.0, 0.0, 0.0))
+    radius = table.number("radius", default=0.0, least=0.0)
+    table.close()
+    hand: Hand | None = table.make(lambda: Hand(link, offset, radius))
     return hand
 
 
-def _camera(table: _Table, robot: Robot) -> Camera:
-    forward, right = _axes(table)
-    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
-    position = table.vector("position", default=[0.0, 0.0, 0.0])
-    camera = Camera(
-        link=robot.check_link(table.text("link")),
-        link_T_camera=torch.from_numpy(transforms.transform(rotation, position)),
-        model=_model(table),
-    )
-    table.refuse_unknown()
-    return camera
-
-
-def _model(table: _Table) -> VirtualScreen:
-    kind = table.text("model")
-    if kind != "virtual_screen":
-        raise UnknownName(f"camera model in {table.place}", kind, ["virtual_screen"])
-    return VirtualScreen(
-        distance=table.number("distance"),
-        near=table.number("near"),
-        half_angle=math.radians(table.number("half_angle_degrees", below=90.0)),
-    )
-
-
-def _axes(table: _Table) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Unit vectors forward and right, which must be orthogonal."""
-    forward, right = table.vector("forward"), table.vector("right")
-    lengths = np.linalg.norm(forward), np.linalg.norm(right)
-    if min(lengths) < 1e-9 or abs(forward @ right) > 1e-9 * lengths[0] * lengths[1]:
-        raise InvalidConfig(f"{table.place}: 'forward' and 'right' must be orthogonal and not zero")
-    return forward / lengths[0], right / lengths[1]
-
-
-def _skin(table: _Table, link: str, robot: Robot, root_T_link: torch.Tensor) -> Skin:
-    shape = table.take("shape", "[rows, columns], both positive", lambda v: _is_list(v, 2, _is_count) and min(v) > 0)
-    forward, right = _axes(table)
-    size = table.take("size", "[height, width], both positive", lambda v: _is_list(v, 2, _is_number) and min(v) > 0)
-    patch = Patch((shape[0], shape[1]), (float(size[0]), float(size[1])), table.vector("centre"), forward, right)
-    landmark_table = table.table("landmarks")
-    landmarks = {}
-    for landmark in landmark_table.values:
-        row, column = landmark_table.take(
-            landmark,
-            f"[row, column] within {shape}",
-            lambda v: _is_list(v, 2, _is_count) and v[0] < shape[0] and v[1] < shape[1],
-        )
-        landmarks[landmark] = row * shape[1] + column
-    chosen = {}
-    for field in ("reference", "eye"):
-        if (landmark := table.text(field)) not in landmarks:
-            raise UnknownName(f"landmark for '{field}' in {table.place}", landmark, landmarks)
-        chosen[field] = landmarks[landmark]
-    table.refuse_unknown()
-    shapes = collision_shapes(robot, link)
-    return Skin.lay(link, patch, shapes, root_T_link, landmarks, chosen["reference"], chosen["eye"])
+def _names(field: str, value: Any) -> list[str]:
+    if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
+        _checks.refuse(field, value, "a list of joint names")
+    return value

@@ -63,7 +63,7 @@ class Skin:
         normals: (rows * columns, 3) outward unit vectors, in the root, the robot at home.
         landmarks: Name -> taxel.
         reference: Taxel where the hand rests at a reset.
-        eye: Taxel in front of the camera's optical centre.
+        eye: Taxel in front of an optical centre inside of the body; None: the camera looks from outside.
         patch: How the taxels were laid.
         shapes: Collision shapes of the link.
         root_T_link: (4, 4) at home.
@@ -75,7 +75,7 @@ class Skin:
     normals: Float[Tensor, "taxels 3"]
     landmarks: Mapping[str, int]
     reference: int
-    eye: int
+    eye: int | None
     patch: Patch
     shapes: tuple[Shape, ...]
     root_T_link: Float[Tensor, "4 4"]
@@ -89,7 +89,7 @@ class Skin:
         root_T_link: Float[Tensor, "4 4"],
         landmarks: Mapping[str, int],
         reference: int,
-        eye: int,
+        eye: int | None = None,
     ) -> Skin:
         """Casts the taxels onto the shapes.
 
@@ -129,6 +129,18 @@ class Skin:
             self,
             positions=torch.from_numpy(points) @ rotation.T + position,
             normals=torch.from_numpy(normals) @ rotation.T,
+        )
+
+    def at(self, root_T_link: Float[Tensor, "4 4"]) -> Skin:
+        """The same skin, its link elsewhere; itself when that is where it is already."""
+        if torch.equal(root_T_link, self.root_T_link):
+            return self
+        rotation, position = root_T_link[:3, :3], root_T_link[:3, 3]
+        return replace(
+            self,
+            positions=torch.from_numpy(self.link_positions) @ rotation.T + position,
+            normals=torch.from_numpy(self.link_normals) @ rotation.T,
+            root_T_link=root_T_link,
         )
 
     @property

@@ -149,7 +149,7 @@ def start_posture(body: Embodiment, course: Course) -> Float[np.ndarray, "p"]:
     lower, upper = body.felt_robot.lower, body.felt_robot.upper
     target = torch.from_numpy(course.centres[:1])
     q, reached = reach.least_displacement(
-        body.hand_in_skin_and_jacobian, target, torch.from_numpy(course.rest), lower, upper
+        body.hand_in_front_and_jacobian, target, torch.from_numpy(course.rest), lower, upper
     )
     if not bool(reached.all()):
         raise Unreachable("the hand cannot reach the path's first point within the joint limits")

@@ -38,7 +38,7 @@ def follow(
     """
     lower, upper = body.felt_robot.lower, body.felt_robot.upper
     targets, home = torch.from_numpy(centres), torch.from_numpy(rest)
-    q, reached = reach.least_displacement(body.hand_in_skin_and_jacobian, targets[:1], home, lower, upper)
+    q, reached = reach.least_displacement(body.hand_in_front_and_jacobian, targets[:1], home, lower, upper)
     if not bool(reached.all()):
         raise Unreachable("the hand cannot reach the path's first point within the joint limits")
     postures = torch.empty(len(targets), body.p, dtype=torch.float64)
@@ -46,7 +46,7 @@ def follow(
     for index in range(1, len(targets)):
         drift = pull * (home - q)
         for iteration in range(_ITERATIONS):
-            position, jacobian = body.hand_in_skin_and_jacobian(q)
+            position, jacobian = body.hand_in_front_and_jacobian(q)
             error = targets[index] - position
             if iteration > 0 and bool((error.abs() < _CLOSE).all()):
                 break

@@ -98,7 +98,7 @@ def build(
         InvalidConfig: A felt joint that others follow, or that moves the skin.
         InvalidURDF: Moving links without mass, or with one that no rigid body has.
     """
-    robot = body.robot.subtree(body.robot.link_names, joints=body.joints, posture=body.home)
+    robot = body.robot.subtree(body.robot.link_names, joints=body.joints, posture=body.home).reordered(body.joints)
     follower = next((joint.name for joint in robot.tree.joints if joint.mimic is not None), None)
     if follower is not None:
         raise InvalidConfig(f"dynamics: joint '{follower}' follows a felt joint; use an embodiment without such joints")

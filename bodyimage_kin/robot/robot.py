@@ -22,7 +22,7 @@ from jaxtyping import Float64
 
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array, as_postures, refuse_not_finite
-from bodyimage_kin.errors import InvalidPosture, UnknownName
+from bodyimage_kin.errors import InvalidConfig, InvalidPosture, UnknownName
 from bodyimage_kin.robot import _source, dh, transforms
 from bodyimage_kin.robot.geometry import LinkGeometry
 from bodyimage_kin.robot.reader import read_urdf
@@ -358,6 +358,24 @@ class Robot:
             x, y, z = pose[:3, 3].tolist()
             joints[name] = replace(joints[name], xyz=(x, y, z), rpy=transforms.matrix_rpy(pose[:3, :3]))
         return self._with_joints(list(joints.values()))
+
+    def reordered(self, joints: Sequence[str]) -> Robot:
+        """The same robot with another order of q; itself when that is its order already.
+
+        Args:
+            joints: All of :attr:`joint_names`, in the order wanted.
+
+        Raises:
+            UnknownName: A joint that does not exist.
+            InvalidConfig: A joint that is missing, or stands twice.
+        """
+        wanted = [self._joints_by_name[self.joint_names[self.joint_index(name)]] for name in joints]
+        if len(wanted) != self.n or len({joint.name for joint in wanted}) != self.n:
+            raise InvalidConfig(f"joints={list(joints)!r}: give each of {', '.join(self.joint_names)} once")
+        if wanted == list(self.moving_joints):
+            return self
+        in_turn = iter(wanted)
+        return self._with_joints([next(in_turn) if joint in wanted else joint for joint in self.tree.joints])
 
     @cached_property
     def _bounds(self) -> tuple[Float64[torch.Tensor, "n"], Float64[torch.Tensor, "n"]]:

@@ -17,7 +17,7 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import embodiments as known_embodiments
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.body_image import BodyImage
-from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.recordings import Drag, Noise, motions, read_recording
 from bodyimage_kin.study import specs
 from bodyimage_kin.study.cells import row_of
@@ -109,7 +109,8 @@ class Reader:
                     else motions.FaceTour(**shared)
                 )
             if given is not None:
-                found[role] = given if given == "none" else self._role(f"{what}: {role}", given)
+                nothing = isinstance(given, str) and given == "none"
+                found[role] = given if nothing else self._role(f"{what}: {role}", given)
         dynamics = parts.get("dynamics", True)
         dynamics = (
             dynamics
@@ -155,7 +156,10 @@ class Reader:
         return tables if len(tables) > 1 else tables[0]
 
     def _keep(self, given: xr.Dataset | str | Path) -> str:
-        recording = given if isinstance(given, xr.Dataset) else read_recording(self.folder / given)
+        try:
+            recording = given if isinstance(given, xr.Dataset) else read_recording(self.folder / given)
+        except InvalidRecording as problem:
+            raise InvalidConfig(str(problem)) from None
         sha256 = fingerprint(recording)
         self.given[sha256] = recording
         return sha256
@@ -168,10 +172,9 @@ class Reader:
         else:
             row = spec if isinstance(spec, Row) else Row(spec)
         estimator = None if row.estimator is None else ESTIMATOR.table(row.estimator, self.folder)
+        usual = specs.settings_of(Row())
         others = {key: value for key, value in specs.settings_of(row).items() if key != "estimator"}
-        others = (
-            {key: value for key, value in others.items() if value != specs.settings_of(Row())[key]} if others else {}
-        )
+        others = {key: value for key, value in others.items() if value != usual.get(key)}
         if "first_maps" in others:
             others["first_maps"] = first_maps_of(row.first_maps)
         if "maps" in others:

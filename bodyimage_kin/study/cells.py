@@ -7,8 +7,12 @@ works, on how many do, or in what order.
 from __future__ import annotations
 
 import functools
+import os
+import sys
 import time
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +23,7 @@ import xarray as xr
 
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
-from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.errors import InvalidConfig, OutputRefused
 from bodyimage_kin.recordings import experience, simulate_many
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study.context import Context, Score, WrongResult
@@ -51,16 +55,18 @@ def record(block: Block) -> str:
             names += [name for name in SHARED_MAPS if name not in names]
         facts = [resolve(name, Path(block.folder)) for name in names]
         found = [computed(_context(block, body, loaded, index, Row(), {}), facts) for index in range(len(block.seeds))]
+    except OutputRefused:
+        raise
     except (Exception, SystemExit) as problem:
-        if type(problem).__name__ == "OutputRefused":
-            raise
         return said(problem)
     axis = loaded["training"][0].coords.get("axis")
-    store.write(store.part(block), _part(block, block.identity(), facts, found, axis=axis))
+    part = _part(block, block.identity(), facts, found, axis=axis)
+    part.notes["kept"] = [one.name for one in facts[: len(block.settings["facts"])]]
+    store.write(store.part(block), part)
     return ""
 
 
-def learn(block: Block, name: str, table: Table) -> str:
+def learn(block: Block, name: str, table: Table, twice: bool = False) -> str:
     """Lets a row learn from a block, seeds together, and scores what it learned; :data:`AGAIN`: nothing to learn from.
 
     A seed that failed has no score, and its failure says why.
@@ -69,6 +75,7 @@ def learn(block: Block, name: str, table: Table) -> str:
         block: Recorded before.
         name: The row's, in the study.
         table: The row's.
+        twice: Whether all is done twice, and a seed fails of which not the same comes.
     """
     body = load_body(block)
     store = Store(Path(block.store))
@@ -76,25 +83,30 @@ def learn(block: Block, name: str, table: Table) -> str:
     if recordings is None or facts is None:
         _recorded.cache_clear()
         return AGAIN
-    identity, folder = block.identity(name, table), Path(block.folder)
-    asked = [resolve(score, folder) for score in block.settings["scores"]]
-    found: list[Any] = [None] * len(block.seeds)
+    asked = [resolve(score, Path(block.folder)) for score in block.settings["scores"]]
     failures = [""] * len(block.seeds)
-    try:
-        row = row_of(table, folder)
-        known = [{key: values[index] for key, values in facts.arrays.items()} for index in range(len(block.seeds))]
-        contexts = [_context(block, body, recordings, index, row, known[index]) for index in range(len(block.seeds))]
-        _fit(block, name, row, body, contexts)
-    except (Exception, SystemExit) as problem:
-        failures = [said(problem)] * len(block.seeds)
-    for index, failure in enumerate(failures):
-        if not failure:
+    runs: list[list[Any]] = []
+    for _ in range(2 if twice else 1):
+        found: list[Any] = [None] * len(block.seeds)
+        with _state_kept():
             try:
-                found[index] = computed(contexts[index], asked)
+                contexts = _taught(block, name, table, body, recordings, facts)
             except (Exception, SystemExit) as problem:
-                failures[index] = said(problem)
+                failures = [said(problem)] * len(block.seeds)
+            for index, failure in enumerate(failures):
+                if not failure:
+                    try:
+                        found[index] = computed(contexts[index], asked)
+                    except (Exception, SystemExit) as problem:
+                        failures[index] = said(problem)
+        runs.append(found)
+    for index in range(len(block.seeds)):
+        if not failures[index] and not _same(runs[0][index], runs[-1][index]):
+            failures[index] = "NotDeterministic: the same experience and seed led to other scores the second time"
+        if failures[index]:
+            runs[0][index] = None
     axis = recordings["training"][0].coords.get("axis")
-    store.write(store.part(block, name), _part(block, identity, asked, found, failures, axis))
+    store.write(store.part(block, name), _part(block, block.identity(name, table), asked, runs[0], failures, axis))
     return ""
 
 
@@ -173,6 +185,33 @@ def _recorded(block: Block) -> dict[str, list[xr.Dataset]] | None:
 @functools.cache
 def _versions() -> dict[str, str]:
     return versions()
+
+
+@contextmanager
+def _state_kept() -> Iterator[None]:
+    """What estimators may change for all of a process is afterwards as it was."""
+    folder, dtype, threads, gradients = (
+        Path.cwd(),
+        torch.get_default_dtype(),
+        torch.get_num_threads(),
+        torch.is_grad_enabled(),
+    )
+    out, error = sys.stdout, sys.stderr
+    try:
+        with np.errstate(), warnings.catch_warnings():
+            yield
+    finally:
+        os.chdir(folder)
+        torch.set_default_dtype(dtype)
+        torch.set_num_threads(threads)
+        torch.set_grad_enabled(gradients)
+        sys.stdout, sys.stderr = out, error
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether scores of one seed are the same to the bit; what is measured aside."""
+    names = set(one[0]) - {"fit_seconds"}
+    return all(one[0][name].tobytes() == other[0][name].tobytes() for name in names)
 
 
 def _recordings(block: Block, body: Embodiment | None) -> dict[str, list[Any]]:
@@ -260,7 +299,7 @@ def _context(
         seen,
         use,
         tour,
-        probes={name: built_probe(table) for name, table in settings["probes"].items()},
+        probes={name: built_probe(table, folder) for name, table in settings["probes"].items()},
         row=row,
         simulation=_simulation(block),
         map_seeds=block.seeds_of("first maps", seed, 1 + count) if with_maps else (),
@@ -283,23 +322,32 @@ def _simulation(block: Block) -> Simulation:
     return from_settings(Simulation, parts, folder)
 
 
-def _fit(block: Block, name: str, row: Row, body: Embodiment | None, contexts: Sequence[Context]) -> None:
-    """Lets the estimator learn from each recording of the block."""
+def _taught(
+    block: Block, name: str, table: Table, body: Embodiment | None, recordings: Any, facts: Part
+) -> list[Context]:
+    """A context a seed, with what the row's estimator learned from it."""
+    folder, count = Path(block.folder), range(len(block.seeds))
+    row = row_of(table, folder)
+    known = [{key: values[index] for key, values in facts.arrays.items()} for index in count]
+    contexts = [_context(block, body, recordings, index, row, known[index]) for index in count]
     if row.estimator is None:
-        return
-    folder, begin = Path(block.folder), time.thread_time()
+        return contexts
+    begin = time.thread_time()
     seeds = [block.seeds_of(row.stream or name, seed, 1)[0] for seed in block.seeds]
     experiences = [experience(context.seen.copy(deep=True)) for context in contexts]
     told = [{key: _told(context, fact, folder) for key, fact in row.told.items()} for context in contexts]
-    specs = [ESTIMATOR.build(row.estimator, folder, body, one) for one in (told if row.told else [{}])]
     if row.told:
+        specs = [ESTIMATOR.build(row.estimator, folder, body, one) for one in told]
         learned = [spec.fit(exp, seed) for spec, exp, seed in zip(specs, experiences, seeds, strict=True)]
     else:
+        specs = [ESTIMATOR.build(row.estimator, folder, body)] * len(seeds)
         learned = fit_all(specs[0], experiences, seeds)
+    if any(one is None for one in learned):
+        raise WrongResult("fit returned nothing; it must return a learned Jacobian")
     seconds = (time.thread_time() - begin) / len(seeds)
-    for index, context in enumerate(contexts):
-        context.learned, context.seed, context.seconds = learned[index], seeds[index], seconds
-        context.estimator = specs[index if row.told else 0]
+    for context, one, spec, seed in zip(contexts, learned, specs, seeds, strict=True):
+        context.learned, context.estimator, context.seed, context.seconds = one, spec, seed, seconds
+    return contexts
 
 
 def _told(context: Context, fact: str, folder: Path) -> Any:

@@ -10,7 +10,6 @@ import os
 import signal
 import sys
 import threading
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -39,7 +38,6 @@ def live(lifeline: int) -> None:
         # What cells need is loaded before the first limit runs.
         import bodyimage_kin.study.cells  # noqa: F401
     answers.send("ready")
-    folder = os.getcwd()
     while True:
         try:
             call: Call = calls.recv()
@@ -48,9 +46,8 @@ def live(lifeline: int) -> None:
         except Exception as problem:
             answers.send((False, RuntimeError(f"cannot read the work: {problem}")))
             continue
-        with _printing_to(call.log), warnings.catch_warnings():
+        with _printing_to(call.log):
             answer = _answer(call, answers)
-        os.chdir(folder)
         try:
             answers.send(answer)
         except Exception as problem:

@@ -22,10 +22,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
+from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.backends import kinematics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import BodyImage, PostureSOM, PostureToImage, integrate
-from bodyimage_kin.errors import UnknownName
+from bodyimage_kin.errors import BodyImageKinError, UnknownName
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import experience
 from bodyimage_kin.study import maps
@@ -40,7 +41,7 @@ _LARGEST = 1e150
 _NEEDED = ("body", "skin", "truth", "learned", "use", "true_use", "tour", "maps")
 
 
-class WrongResult(Exception):
+class WrongResult(BodyImageKinError):
     """What an estimator returned is no learned Jacobian of finite values."""
 
 
@@ -327,7 +328,7 @@ def checked(what: str, value: Any, shape: tuple[int, ...]) -> Float[np.ndarray, 
     Raises:
         WrongResult: Of another shape, not finite, or too large to be scored.
     """
-    values = floats(value)
+    values = as_float_array(value, what, error=WrongResult)
     if values.shape != shape:
         raise WrongResult(f"{what} has shape {values.shape}; it must be {shape}")
     for problem, sound in (("not finite", np.isfinite(values)), ("too large to be scored", abs(values) < _LARGEST)):
@@ -337,14 +338,9 @@ def checked(what: str, value: Any, shape: tuple[int, ...]) -> Float[np.ndarray, 
     return values
 
 
-def floats(value: Any) -> Float[np.ndarray, "..."]:
-    """A tensor or an array as float64 without a gradient."""
-    return np.asarray(value.detach() if hasattr(value, "detach") else value, dtype=np.float64)
-
-
 def answers(of: Callable[..., Any], q: Float[np.ndarray, "postures p"]) -> Float[np.ndarray, "postures ..."]:
     """What a function of postures says, asked for few of them at a time."""
-    return np.concatenate([floats(of(part)) for part in torch.split(torch.from_numpy(q), _CHUNK)])
+    return np.concatenate([as_float_array(of(part)) for part in torch.split(torch.from_numpy(q), _CHUNK)])
 
 
 def _in_chunks(what: str, jacobian: Callable[..., Any], q: torch.Tensor, m: int) -> Float[np.ndarray, "postures m p"]:

@@ -12,6 +12,7 @@ seconds), and that a script needs no ``if __name__ == "__main__":`` (there it en
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import os
 import queue
@@ -71,13 +72,10 @@ def submit(executor: Executor, call: Call) -> Future[Any]:
 
     Where nothing can be killed, in this process and on executors of others, a call is given up once its time is over.
     """
-    if isinstance(executor, KillablePool):
+    if isinstance(executor, KillablePool | InProcess):
         return executor.hand_out(call)
     if type(executor).__module__.partition(".")[0] == "distributed":
         return executor.submit(in_child, call)
-    if isinstance(executor, InProcess):
-        with _prints_to(call.log):
-            return executor.submit(here, call)
     return executor.submit(here, call)
 
 
@@ -91,11 +89,17 @@ class InProcess(Executor):
 
     def submit(self, work: Callable[..., Any], /, *arguments: Any, **keywords: Any) -> Future[Any]:
         """Calls and waits. See :meth:`concurrent.futures.Executor.submit`."""
+        return self.hand_out(Call(functools.partial(work, **keywords), arguments))
+
+    def hand_out(self, call: Call) -> Future[Any]:
+        """A call that is done when this returns."""
         future: Future[Any] = Future()
-        try:
-            future.set_result(work(*arguments, **keywords))
-        except Exception as problem:
-            future.set_exception(problem)
+        with _prints_to(call.log):
+            try:
+                # Directly, where nothing is to be given up: fewer functions to read through.
+                future.set_result(here(call) if call.limit is not None or call.prepare else call.work(*call.arguments))
+            except Exception as problem:
+                future.set_exception(problem)
         return future
 
 

@@ -178,7 +178,8 @@ class Block:
             count: How many.
         """
         if self.settings["streams"] == "plain":
-            return [seed, *range(1000, 999 + count)] if what == "first maps" else [seed] * count
+            # The posture map and the first of the first maps have the same.
+            return [seed, seed, *range(1000, 998 + count)][:count] if what == "first maps" else [seed] * count
         base = f"{self.embodiment}/{self.simulation.get('stream') or self.recording}/{seed}"
         return stream(self.settings["seed"], base if what == "recordings" else f"{base}/{what}", count)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +111,7 @@ def gather(place: Store, origin: Mapping[str, Any]) -> xr.Dataset:
         rows = {name: row for name, row in config["estimators"].items() if block.is_on(row)}
         part = place.read(place.part(block), block.identity()) if rows else None
         if part is not None:
-            facts.add(part, (*at, seeds), keep=config["facts"])
+            facts.add(part, (*at, seeds), keep=part.notes["kept"])
         for name, row in rows.items():
             here = (*at, axes["estimator"].index(name), seeds)
             part = place.read(place.part(block, name), block.identity(name, row))
@@ -147,15 +147,14 @@ class _Collected:
         self.pieces: dict[str, list[tuple[Any, np.ndarray, Mapping[str, list[str]]]]] = {}
         self.kinds: dict[str, tuple[list[str], dict[str, str]]] = {}
 
-    def add(self, part: files.Part, place: tuple[Any, ...], keep: Any = None) -> None:
+    def add(self, part: files.Part, place: tuple[Any, ...], keep: Collection[str] | None = None) -> None:
         """Takes a part's arrays, all or those that are kept."""
-        names = {str(name).rpartition(":")[2] for name in keep} if keep is not None else None
         labels = {str(dim): list(map(str, values)) for dim, values in part.notes["labels"].items()}
         for dim, ones in labels.items():
             known = self.labels.setdefault(dim, [])
             known += [one for one in ones if one not in known]
         for name, values in part.arrays.items():
-            if names is None or name in names:
+            if keep is None or name in keep:
                 dims, attrs = part.notes["variables"][name]
                 self.kinds[name] = list(dims), dict(attrs)
                 self.pieces.setdefault(name, []).append((place, values, labels))

@@ -20,6 +20,8 @@ _IN_FLIGHT = 256
 _TRIES = 5
 """How often a task is handed out whose worker is lost, or whose recordings are damaged."""
 
+_KEPT = "what is finished is kept, run the study again"
+
 
 @dataclass(eq=False)
 class _Task:
@@ -39,6 +41,7 @@ def work_off(
     *,
     limit: float | None,
     retry: bool,
+    twice: bool,
     report: Callable[[int, int], None],
 ) -> None:
     """Computes what is missing of a study.
@@ -50,6 +53,7 @@ def work_off(
         executor: Who works.
         limit: Time that a cell may take [s]; None: any.
         retry: Whether cells that failed are tried again.
+        twice: Whether each cell is computed twice, and fails where that differs.
         report: Called with the number of tasks that are done, and their total.
 
     Raises:
@@ -77,7 +81,10 @@ def work_off(
                     done += 1
                     report(done, total)
                     continue
-                pending[_handed_out(executor, store, task, rows, limit)] = task
+                try:
+                    pending[executors.submit(executor, _call(task, rows, store, limit, twice))] = task
+                except Exception as problem:
+                    raise ExecutorLost(f"nobody is left to work ({said(problem)}); {_KEPT}") from None
             for future in wait(pending, return_when=FIRST_COMPLETED).done if pending else ():
                 task = pending.pop(future)
                 more, finished = _taken(store, task, rows, future)
@@ -94,20 +101,14 @@ def _is_missing(store: Store, block: Block, name: str, row: Table, retry: bool) 
     return part is None or (retry and any(part.notes["failures"]))
 
 
-def _handed_out(
-    executor: Executor, store: Store, task: _Task, rows: Mapping[str, Table], limit: float | None
-) -> Future[Any]:
-    if task.row:
-        arguments = (task.block, task.row, rows[task.row])
-        call = Call(cells.learn, arguments, cells.load_body, limit, str(store.log(task.block, task.row)))
-    else:
-        call = Call(cells.record, (task.block,), log=str(store.log(task.block)))
-    try:
-        return executors.submit(executor, call)
-    except Exception as problem:
-        raise ExecutorLost(
-            f"nobody is left to work ({said(problem)}); what is finished is kept, run the study again"
-        ) from None
+def _call(task: _Task, rows: Mapping[str, Table], store: Store, limit: float | None, twice: bool) -> Call:
+    """A task as whoever works takes it."""
+    if not task.row:
+        return Call(cells.record, (task.block,), log=str(store.log(task.block)))
+    arguments = (task.block, task.row, rows[task.row], twice)
+    # A body is loaded before the time runs.
+    prepare = cells.load_body if limit is not None else None
+    return Call(cells.learn, arguments, prepare, limit, str(store.log(task.block, task.row)))
 
 
 def _taken(store: Store, task: _Task, rows: Mapping[str, Table], future: Future[Any]) -> tuple[list[_Task], int]:
@@ -117,7 +118,7 @@ def _taken(store: Store, task: _Task, rows: Mapping[str, Table], future: Future[
         raise problem
     if problem is not None and executors.was_lost(problem):
         if task.tries >= _TRIES:
-            raise ExecutorLost(f"whoever works is lost again and again ({said(problem)}); what is finished is kept")
+            raise ExecutorLost(f"whoever works is lost again and again ({said(problem)}); {_KEPT}")
         return [_Task(task.block, task.row, task.waiting, task.tries + 1)], 0
     failure = future.result() if problem is None else said(problem)
     if task.row:

@@ -10,9 +10,10 @@ import torch
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
+from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.study import maps
-from bodyimage_kin.study.context import Context, Score, answers, checked, floats
+from bodyimage_kin.study.context import Context, Score, answers, checked
 from bodyimage_kin.study.store import padded
 
 PARTS = ("scale", "mean_excited", "mean_unexcited", "variation")
@@ -111,7 +112,7 @@ def _trajectory_split(context: Context) -> Float[np.ndarray, "cause"]:
     rms = metrics.error_split(
         context.tour["true_q"].values,
         context.tour["true_hand_image"].values,
-        lambda q, dq: floats(context.learned.displacement(torch.from_numpy(q), torch.from_numpy(dq))),
+        lambda q, dq: as_float_array(context.learned.displacement(torch.from_numpy(q), torch.from_numpy(dq))),
         lambda q: answers(context.learned.jacobian, q),
     ).rms
     return np.array([rms[cause] for cause in CAUSES])

@@ -101,7 +101,7 @@ class Kind:
             arguments(what, cls, settings, folder, None)
             return {name: {key: written(f"{what}: {key}", value) for key, value in settings.items()}}
         if not self.wants_body(spec, folder):
-            return written(what, self.build(spec, folder))
+            return {name: settings_of(self.build(spec, folder))}
         # It cannot be built before there is a body, so the values of its settings are checked when there is one.
         arguments(what, cls, settings, folder, None)
         given = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING} | settings

@@ -128,7 +128,8 @@ def sign_flip(differences: Scores, *, resamples: int = _FLIPS, seed: int = 0) ->
         return float("nan")
     # Each stratum weighs the same, whatever the number of its recordings.
     values = np.concatenate([one / len(one) for one in strata])
-    if not values.any():
+    # Of one difference alone, either sign is as far from zero.
+    if not values.any() or len(values) == 1:
         return 1.0
 
     def total(sample: np.ndarray, axis: int = -1) -> Any:

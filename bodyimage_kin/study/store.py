@@ -33,7 +33,7 @@ import xarray as xr
 
 from bodyimage_kin import _files
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.errors import InvalidConfig, InvalidRecording, OutputRefused
+from bodyimage_kin.errors import InvalidRecording, OutputRefused
 from bodyimage_kin.recordings import check
 from bodyimage_kin.study.grid import Block
 from bodyimage_kin.study.specs import Table
@@ -63,7 +63,7 @@ class Part:
 
     identity: Mapping[str, Any]
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
-    notes: Mapping[str, Any] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)
 
     def pack(self) -> bytes:
         """As bytes."""
@@ -324,25 +324,15 @@ def fingerprint(recording: xr.Dataset) -> str:
 
 def body_files(body: Embodiment) -> dict[str, bytes]:
     """An embodiment as files that :func:`bodyimage_kin.load_embodiment` reads: ``embodiment.toml`` and its URDF."""
-    import tomllib
-
-    try:
-        urdf = str(tomllib.loads(body.source.decode())["urdf"])
-    except (ValueError, KeyError) as problem:
-        raise InvalidConfig(
-            f"embodiment '{body.name}' cannot be handed to workers ({problem}); load it from a file"
-        ) from None
-    name = Path(urdf)
-    if name.is_absolute() or ".." in name.parts:
-        raise InvalidConfig(
-            f"embodiment '{body.name}': urdf='{urdf}' lies outside its folder; give its TOML file's path"
-        )
-    return {"embodiment.toml": body.source, urdf: body.robot.source}
+    return {"embodiment.toml": body.to_toml("robot.urdf").encode(), "robot.urdf": body.robot.source}
 
 
 def said(problem: BaseException) -> str:
     """An error in one line that any file can hold: its class and what it says, cut."""
-    words = " ".join(str(problem)[: 10 * _MOST_SAID].split()).replace("\0", "")
+    try:
+        words = " ".join(str(problem)[: 10 * _MOST_SAID].split()).replace("\0", "")
+    except Exception:
+        words = ""
     words = words.encode("utf-8", "backslashreplace").decode()
     words = words if len(words) <= _MOST_SAID else words[: _MOST_SAID - 3] + "..."
     return f"{type(problem).__name__}: {words}" if words else type(problem).__name__

@@ -161,7 +161,8 @@ class Study:
                 raise InvalidConfig(f"study '{place.name}' has more than {_LARGEST_FILE} bytes; no study needs so many")
             source = place.read_bytes().decode()
             # A key of very many parts takes the reader of TOML minutes.
-            if deep := re.search(r"(?:[^\s=\[\]{},.#]+\s*\.\s*){40}", source):
+            plain = re.sub(r"\"(?:[^\"\\\n]|\\.)*\"|'[^'\n]*'", "q", source)
+            if deep := re.search(r"(?:[^\s=\[\]{},.#]+\s*\.\s*){40}", plain):
                 raise InvalidConfig(f"study '{place.name}': key '{deep[0][:40]}...' has more than 40 parts")
             table = tomllib.loads(source)
         except OSError as problem:
@@ -194,6 +195,7 @@ class Study:
         *,
         workers: int | None = None,
         retry: bool = False,
+        twice: bool = False,
         progress: bool | Callable[[int, int], None] = False,
     ) -> xr.Dataset:
         """Computes what is missing in a store, and gives everything.
@@ -206,6 +208,7 @@ class Study:
                 ``Executor``. No bit of the result depends on it, ``fit_seconds`` aside.
             workers: Of the pool; None: one a processor.
             retry: Whether cells that failed are tried again.
+            twice: Whether each cell is computed twice; a seed fails of which not the same comes, to the bit.
             progress: Whether a bar is shown; or called with the number of tasks that are done, and their total.
 
         Returns:
@@ -232,6 +235,7 @@ class Study:
                     working,
                     limit=self.time_limit,
                     retry=retry,
+                    twice=twice,
                     report=report,
                 )
         finally:

@@ -184,6 +184,22 @@ def failures(results: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
+def markdown(head: Sequence[str], rows: Sequence[Sequence[object]], words: int = 1) -> str:
+    """A table as Markdown.
+
+    Args:
+        head: Of each column.
+        rows: Cells, as they are to be read; what would end a cell is escaped.
+        words: How many columns are of words, flush left; the others are of numbers, flush right.
+    """
+
+    def line(cells: Sequence[object]) -> str:
+        return "| " + " | ".join(" ".join(str(cell).split()).replace("|", "\\|") for cell in cells) + " |"
+
+    rule = ["---"] * words + ["---:"] * (len(head) - words)
+    return "\n".join([line(head), line(rule), *map(line, rows)])
+
+
 def _score(results: xr.Dataset, score: str) -> xr.DataArray:
     if score not in results:
         known = [str(name) for name, one in results.data_vars.items() if "estimator" in one.dims and name != "failure"]

@@ -7,10 +7,8 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from bodyimage_kin.figures import style
-from bodyimage_kin.figures._panels import legend_above
+from bodyimage_kin import figures
 
 TITLES = {
     "posture": "Posture as an input of f",
@@ -40,13 +38,13 @@ LOOKS = {"kinematic": ("#0b6fa4", "o", 0.17), "noise": ("#c2407e", "D", -0.17)}
 """Motion -> colour, marker, and place above or below the middle of the row."""
 
 
-@style.style()
+@figures.style()
 def draw(summary: Mapping[str, Mapping[str, Any]]) -> Figure:
     """A row a reading, a panel a measure; a line shows where the library's own reading, the first of each group, is."""
     groups = {name: summary[name] for name in TITLES}
     rows = sum(len(readings) + 1.6 for readings in groups.values())
-    made = style.new_figure(style.DOUBLE_COLUMN, 0.105 * rows + 0.6)
-    panels = made.subplots(1, len(PANELS), sharey=True)
+    made, grid = figures.panels(1, len(PANELS), height=0.105 * rows + 0.6, sharey=True)
+    panels = grid[0]
     # Without it the longest name loses its first letter: text is wider at the resolution of the file.
     made.get_layout_engine().set(w_pad=0.08)
     height, ticks, labels = 0.0, [], []
@@ -71,14 +69,11 @@ def draw(summary: Mapping[str, Mapping[str, Any]]) -> Figure:
     for text in panels[0].get_yticklabels():
         if text.get_text() in TITLES.values():
             text.set_fontweight("bold")
-    shown = [
-        Line2D([], [], color=colour, marker=mark, markersize=3, linewidth=1.2, label=label)
-        for label, (colour, mark, _) in zip(("kinematic", "dynamics with noise"), LOOKS.values(), strict=True)
-    ]
-    shown.append(
-        Line2D([], [], color="0.55", linewidth=0.8, linestyle=(0, (2, 2)), label="first of each group: the library's")
-    )
-    legend_above(made, shown)
+    for label, (colour, mark, _) in zip(("kinematic", "dynamics with noise"), LOOKS.values(), strict=True):
+        panels[0].plot([], [], color=colour, marker=mark, markersize=3, linewidth=1.2, label=label)
+    dashed = {"color": "0.55", "linewidth": 0.8, "linestyle": (0, (2, 2))}
+    panels[0].plot([], [], **dashed, label="first of each group: the library's")
+    figures.legend(made)
     return made
 
 

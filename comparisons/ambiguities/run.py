@@ -32,9 +32,9 @@ import torch
 from readings import MEASURES, Found, of_seed
 
 import bodyimage_kin as bk
+from bodyimage_kin import figures
 from bodyimage_kin._files import write_text
 from bodyimage_kin._progress import Report, progress
-from bodyimage_kin.figures import style
 from bodyimage_kin.study.statistics import PUBLISHED, holm, interval, sign_flip
 
 HERE = Path(__file__).parent
@@ -191,7 +191,7 @@ def write(result: Mapping[str, Any], folder: Path) -> None:
     )
     write_text(folder / "results.json", text + "\n")
     write_text(folder / "table.md", tables(result).rstrip() + "\n")
-    style.save(figure.draw(result["summary"]), folder, "figure")
+    figures.save(figure.draw(result["summary"]), folder, "figure")
 
 
 def main() -> None:

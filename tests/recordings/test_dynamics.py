@@ -88,7 +88,7 @@ def test_drag_and_torque_are_exactly_what_is_said(body):
     for q in some_postures(body, 10):
         data.qpos[:], data.qvel[:], data.ctrl[:] = q, rng.standard_normal(5), 0.1 * rng.standard_normal(6)
         mujoco.mj_forward(model, data)
-        position, jacobian = body.hand_in_skin_and_jacobian(torch.from_numpy(q))
+        position, jacobian = body.hand_in_front_and_jacobian(torch.from_numpy(q))
         jacobian = jacobian.numpy()
         force = 60.0 * (data.ctrl[:3] - position.numpy()) - 4.0 * jacobian @ data.qvel
         pose, link_jacobian = body.kinematics.pose_and_jacobian(torch.from_numpy(q), body.hand.link)

@@ -8,7 +8,7 @@ import scipy.stats
 import xarray as xr
 
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.study import chain
+from bodyimage_kin.study import chain, markdown
 
 ESTIMATORS = ["a", "b", "c", "d"]
 
@@ -130,3 +130,8 @@ def test_embodiments_stand_alone_and_nonsense_is_refused(error):
     both["map_span"] = both["map_error"].expand_dims({"axis": ["x", "y"]})
     with pytest.raises(InvalidConfig, match="choose along axis"):
         chain(both, "relative_error_use", "map_span")
+
+
+def test_a_table_is_read_as_a_table_whatever_its_cells_say():
+    found = markdown(["name", "a"], [["x|y", 1.5], ["two\nlines", ""]]).splitlines()
+    assert found == ["| name | a |", "| --- | ---: |", "| x\\|y | 1.5 |", "| two lines |  |"]

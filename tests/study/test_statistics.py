@@ -83,6 +83,7 @@ def test_no_difference_is_found_as_seldom_as_it_should():
     p = np.array([statistics.sign_flip(sample) for sample in rng.standard_normal((400, 8))])
     assert np.mean(p <= 0.05) == pytest.approx(0.05, abs=0.03)
     assert statistics.sign_flip(np.zeros(6)) == 1.0
+    assert statistics.sign_flip([0.3]) == 1.0
     assert np.isnan(statistics.sign_flip([]))
 
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
+import my_scores
 import numpy as np
 import odd_estimators
 import pytest
 import xarray as xr
 
 from bodyimage_kin.errors import InvalidConfig, MissingDependency
+from bodyimage_kin.estimators import LeastSquares
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
 from bodyimage_kin.study import Simulation, Study, executors, summary
 from bodyimage_kin.study.executors import Call
@@ -111,3 +117,148 @@ def test_dask_is_asked_for_when_it_is_missing(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(MissingDependency, match=r"bodyimage-kin\[dask\]"), executors.executor("tcp://127.0.0.1:1"):
         pass
+
+
+# Whatever a cell does ------------------------------------------------------------------------------------------------
+
+MISBEHAVING = {
+    "raises": "ValueError: nothing to learn",
+    "sleeps": "TimeLimitExceeded: took longer",
+    "spins": "TimeLimitExceeded: took longer",
+    "dies": "WorkerDied: the process ended with status 3",
+    "kills itself": "WorkerDied: the process ended with status -9",
+    "aborts": "WorkerDied: the process ended with status -6",
+    "closes all": "WorkerDied",
+    "exits": "SystemExit: 3",
+    "interrupts": "WorkerDied",
+    "recurses": "RecursionError",
+    "shouts": "ValueError: \\ud800éé",
+    "cannot be said": "Unsayable",
+    "forgets": "WrongResult: fit returned nothing",
+    "leaks": "WrongResult: jacobian at probe 'on_face' holds",
+    "nan": "WrongResult",
+    "shape": "WrongResult",
+    "floods": "",
+    "starts threads": "",
+}
+
+
+def misbehaving(**changes):
+    ways = {way.replace(" ", "_"): {"odd_estimators:Odd": {"way": way}} for way in MISBEHAVING}
+    # A sound one after each: nobody pays for a neighbour.
+    rows = {name: spec for way, odd in ways.items() for name, spec in ((way, odd), (f"after_{way}", "LeastSquares"))}
+    still = Simulation(Circle(turns=0.3), RandomTouch(duration=4.0), FaceTour(speed=0.2), dynamics=False)
+    return Study("infant", {"still": still}, rows, seeds=1, probes=["on_face"], time_limit=5.0, **changes)
+
+
+def check_misbehaving(found):
+    said = {str(name): found["failure"].sel(estimator=name).item() for name in found["estimator"].values}
+    for way, wanted in MISBEHAVING.items():
+        name = way.replace(" ", "_")
+        assert said[name].startswith(wanted), (way, said[name])
+        assert said[f"after_{name}"] == "", (way, said[f"after_{name}"])
+        assert len(said[name]) < 2100
+    errors = found["relative_error"].squeeze()
+    sound = errors.sel(estimator=[name for name in said if name.startswith("after_")])
+    assert len(np.unique(sound)) == 1
+
+
+@pytest.mark.slow
+def test_what_misbehaves_in_a_pool_costs_itself(tmp_path, capfd):
+    check_misbehaving(misbehaving().run(tmp_path, workers=2))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_what_misbehaves_on_dask_with_threads_costs_itself(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
+        check_misbehaving(misbehaving().run(tmp_path, cluster.scheduler_address))
+
+
+def careless(*ways):
+    rows = {way: my_scores.Careless(way) for way in ways}
+    rows = {name: row for way, odd in rows.items() for name, row in ((way, odd), (f"after_{way}", LeastSquares()))}
+    still = Simulation(Circle(turns=0.3), RandomTouch(duration=4.0), FaceTour(speed=0.2), dynamics=False)
+    return Study("infant", {"still": still}, rows, seeds=1, probes=["on_face"])
+
+
+@pytest.mark.parametrize("executor", [None, "in-process"])
+def test_a_cell_prints_into_its_log_and_touches_no_other(executor, tmp_path, capfd):
+    found = careless("prints", "closes", "changes").run(tmp_path, executor, workers=1)
+    assert (found["failure"] == "").all()
+    assert len(np.unique(found["relative_error"])) == 1
+    log = tmp_path / "logs/infant/still/prints/block0.log"
+    assert "said" in log.read_text()
+    assert ("past Python" in log.read_text()) == (executor is None)
+    assert "said" not in "".join(capfd.readouterr())
+    # What prints nothing has no log.
+    assert [path.parent.name for path in tmp_path.glob("logs/**/*.log")] == ["prints"]
+
+
+def test_what_is_not_deterministic_is_noticed_on_request(tmp_path):
+    rows = {"guesses": odd_estimators.Odd("guesses"), "flat": LeastSquares()}
+    still = Simulation(Circle(turns=0.3), RandomTouch(duration=4.0), dynamics=False)
+    study = Study("infant", {"still": still}, rows, seeds=2, probes=["on_face"])
+    found = study.run(tmp_path / "twice", "in-process", twice=True)
+    said = found["failure"].squeeze()
+    assert said.sel(estimator="guesses").str.startswith("NotDeterministic").all()
+    assert np.isnan(found["relative_error"].sel(estimator="guesses")).all()
+    assert (said.sel(estimator="flat") == "").all()
+    assert (study.run(tmp_path / "once", "in-process")["failure"] == "").all()
+
+
+# The driver dies -----------------------------------------------------------------------------------------------------
+
+HUNG = """
+import sys
+sys.path.insert(0, {tests!r})
+import bodyimage_kin as bk
+from bodyimage_kin.recordings.motions import Circle, RandomTouch
+still = bk.study.Simulation(Circle(turns=0.3), RandomTouch(duration=4.0), dynamics=False)
+rows = {{way: {{"odd_estimators:Odd": {{"way": way}}}} for way in ("sleeps", "spins")}}
+bk.Study("infant", {{"still": still}}, rows, seeds=1, probes=["on_face"]).run({out!r}, workers=2)
+"""
+
+
+def children_of(process):
+    """Processes that a process began, and theirs, by their numbers."""
+    found, parents = set(), {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            number, _, rest = path.read_text().partition(" (")
+        except OSError:
+            continue
+        parents[int(number)] = int(rest.rpartition(") ")[2].split()[1])
+    new = {process}
+    while new:
+        new = {one for one, parent in parents.items() if parent in new} - found
+        found |= new
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="asks /proc")
+@pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_children_end_with_the_driver_however_that_ends(by, tmp_path):
+    # No `if __name__ == "__main__":` either: a plain script runs a study.
+    script = tmp_path / "script.py"
+    script.write_text(HUNG.format(tests=str(Path(__file__).parents[1]), out=str(tmp_path / "out")))
+    process = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
+    try:
+        deadline = time.monotonic() + 90
+        while not (tmp_path / "out/facts/infant/still/block0.part").exists():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.2)
+        time.sleep(2.0)
+        children = children_of(process.pid)
+        assert len(children) == 2
+        process.send_signal(by)
+        process.wait(10)
+        deadline = time.monotonic() + 5
+        while alive := [one for one in children if Path(f"/proc/{one}").exists()]:
+            assert time.monotonic() < deadline, alive
+            time.sleep(0.1)
+    finally:
+        process.kill()

@@ -1,0 +1,273 @@
+"""The store knows its own: what is damaged or of something else is set aside, computed again, and stops nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import bodyimage_kin as bk
+from bodyimage_kin.cli import study as commands
+from bodyimage_kin.errors import OutputRefused
+from bodyimage_kin.recordings.motions import Circle, RandomTouch
+from bodyimage_kin.study import Simulation, Study, read_study, recording_of
+from bodyimage_kin.study.results import MISSING
+from bodyimage_kin.study.store import Part, SetAside, Store, fingerprint, said
+
+STILL = Simulation(Circle(turns=0.3), RandomTouch(duration=4.0), dynamics=False)
+
+
+def small(**changes):
+    asked = {"estimators": {"flat": "LeastSquares", "paper": {"PaperMLP": {"steps": 5}}}, "seeds": 4, "block": 2}
+    return Study("infant", {"still": STILL}, probes=["on_face"], **asked | changes)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    store = tmp_path_factory.mktemp("store") / "run"
+    return small(), small().run(store, "in-process"), store
+
+
+@pytest.fixture
+def copy(done, tmp_path):
+    return Path(shutil.copytree(done[2], tmp_path / "copy"))
+
+
+def same(found, wanted):
+    xr.testing.assert_identical(found.drop_vars("fit_seconds"), wanted.drop_vars("fit_seconds"))
+
+
+CELL = "cells/infant/still/flat/block0.part"
+
+
+def test_a_part_is_read_as_it_was_written(tmp_path):
+    (tmp_path / "bodyimage_kin.json").touch()
+    store = Store(tmp_path)
+    arrays = {
+        "f": np.array([[1.5, np.nan], [-0.0, 1e-308]]),
+        "i": np.arange(3),
+        "b": np.array([True, False]),
+        "u": np.arange(2, dtype=np.uint8),
+        "f4": np.float32([1.1]),
+        "t": np.array(["", "é\n\0"]),
+        "none": np.empty((2, 0)),
+        "turned": np.arange(6.0).reshape(2, 3).T,
+    }
+    part = Part({"a": 1}, arrays, {"said": ["é", None, 1.5]})
+    store.write(tmp_path / "x.part", part)
+    found = store.read(tmp_path / "x.part", {"a": 1})
+    assert found.notes == part.notes
+    assert list(found.arrays) == list(arrays)
+    for name, values in arrays.items():
+        assert found.arrays[name].dtype == values.dtype or name == "t", name
+        np.testing.assert_array_equal(found.arrays[name], values)
+
+
+def test_a_recording_comes_back_the_same(done):
+    seen = recording_of(done[2], "still", 3)
+    again = bk.simulate(
+        bk.load_embodiment("infant"), Circle(turns=0.3), json.loads(seen.attrs["config"])["seed"], dynamics=False
+    )
+    xr.testing.assert_identical(seen, again)
+    assert fingerprint(seen) == fingerprint(again)
+    assert fingerprint(seen.assign_attrs(x=1)) != fingerprint(seen)
+    assert fingerprint(seen.assign(q=seen["q"] + 1e-12)) != fingerprint(seen)
+
+
+FOREIGN = {
+    "another row's": "cells/infant/still/paper/block0.part",
+    "another block's": "cells/infant/still/flat/block1.part",
+    "facts": "facts/infant/still/block0.part",
+    "recordings": "recordings/infant/still/block0.part",
+    "results": None,
+    "of nothing": b"",
+    "text": b"not a part\n",
+    "cut": -20,
+    "longer": b"more",
+}
+
+
+@pytest.mark.parametrize("what", FOREIGN)
+def test_a_file_of_something_else_is_set_aside_and_computed_again(what, done, copy):
+    study, results, _ = done
+    path, other = copy / CELL, FOREIGN[what]
+    if isinstance(other, str):
+        shutil.copy(copy / other, path)
+    elif other is None:
+        results.drop_attrs().to_netcdf(path, engine="h5netcdf")
+    else:
+        data = path.read_bytes()
+        path.write_bytes(data[:other] if isinstance(other, int) else data + other if what == "longer" else other)
+    with pytest.warns(SetAside, match="computed again"):
+        found = study.run(copy, "in-process")
+    same(found, results)
+    assert path.with_name("block0.part.damaged").exists()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        same(read_study(copy), results)
+
+
+def test_a_cell_of_another_config_or_seed_is_another_cell(done, copy, tmp_path):
+    study, results, _ = done
+    other = small(seeds=[7, 8, 2, 3]).run(tmp_path / "other", "in-process")
+    assert not np.array_equal(other["relative_error"].isel(seed=0), results["relative_error"].isel(seed=0))
+    shutil.copy(tmp_path / "other" / CELL, copy / CELL)
+    with pytest.warns(SetAside, match="seeds"):
+        same(study.run(copy, "in-process"), results)
+    small(excitation_cut=0.2).run(tmp_path / "cut", "in-process")
+    shutil.copy(tmp_path / "cut" / CELL, copy / CELL)
+    with pytest.warns(SetAside, match="config"):
+        same(study.run(copy, "in-process"), results)
+
+
+@pytest.mark.parametrize("which", ["recordings", "facts"])
+def test_damaged_recordings_are_made_again_for_the_rows_that_need_them(which, done, copy):
+    study, results, _ = done
+    path = copy / which / "infant/still/block0.part"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+    shutil.rmtree(copy / "cells/infant/still/paper")
+    with pytest.warns(SetAside, match="checksum"):
+        same(study.run(copy, "in-process"), results)
+
+
+@pytest.mark.slow
+def test_no_flipped_bit_hangs_a_reader_or_changes_a_score(done, copy):
+    _, results, _ = done
+    path, rng = copy / CELL, np.random.default_rng(0)
+    sound = path.read_bytes()
+    for _ in range(150):
+        data = bytearray(sound)
+        data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(bytes(data))
+        begin = time.monotonic()
+        with pytest.warns(SetAside):
+            found = read_study(copy)
+        assert time.monotonic() - begin < 2.0
+        gone = (found["failure"] == MISSING).squeeze().sel(estimator="flat")
+        assert gone.values.tolist() == [True, True, False, False]
+        same(found.sel(seed=[2, 3]).drop_attrs(), results.sel(seed=[2, 3]).drop_attrs())
+
+
+def test_a_read_only_store_is_read_and_nothing_is_written(done, copy, tmp_path, capsys):
+    damaged = copy / CELL
+    damaged.write_bytes(b"x")
+    before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in copy.rglob("*") if path.is_file()}
+    for path in (*copy.rglob("*"), copy):
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    try:
+        if os.access(copy, os.W_OK):
+            # Root writes everywhere: what is renamed or made shows itself below.
+            before.pop(damaged)
+        with pytest.warns(SetAside):
+            assert commands.status_command(copy) == 0
+        assert "infant/still/flat: 2 of 4 done, 2 to do" in capsys.readouterr().out
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SetAside)
+            commands.report_command(copy, into=tmp_path / "page")
+    finally:
+        for path in (copy, *copy.rglob("*")):
+            path.chmod(0o755 if path.is_dir() else 0o644)
+    assert (tmp_path / "page/report.html").exists()
+    assert {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in before} == before
+    assert not (copy / "report.html").exists()
+
+
+def test_a_folder_that_is_deleted_under_a_run_ends_it(tmp_path):
+    store = tmp_path / "run"
+
+    def delete(done, total):
+        if done == 1 and store.exists():
+            shutil.rmtree(store)
+
+    with pytest.raises(OutputRefused, match="the folder was deleted"):
+        small().run(store, "in-process", progress=delete)
+    assert not store.exists()
+
+
+def test_a_full_disk_is_one_line_and_what_is_there_is_whole(done, tmp_path, monkeypatch):
+    from bodyimage_kin import _files
+
+    real, written = os.fsync, []
+
+    def full(descriptor):
+        written.append(descriptor)
+        if len(written) > 4:
+            raise OSError(28, "No space left on device")
+        real(descriptor)
+
+    monkeypatch.setattr(_files.os, "fsync", full)
+    with pytest.raises(OutputRefused, match="No space left on device; what is finished is kept"):
+        small().run(tmp_path, "in-process")
+    monkeypatch.undo()
+    assert not list(tmp_path.rglob("*.tmp"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        same(small().run(tmp_path, "in-process"), done[1])
+
+
+def test_what_a_killed_writer_leaves_is_swept_by_the_next_run(done, copy):
+    old, new = (copy / f"cells/infant/still/flat/.{name}.tmp" for name in ("block0.part.1", "block0.part.2"))
+    for path in (old, new):
+        path.write_bytes(b"half")
+    os.utime(old, (time.time() - 60,) * 2)
+    done[0].run(copy, "in-process")
+    assert not old.exists()
+    assert new.exists()  # perhaps another driver is at it
+
+
+def test_an_errors_words_never_break_a_store():
+    class Odd(Exception):
+        def __str__(self):
+            raise RuntimeError
+
+    for problem, wanted in (
+        (ValueError("a\0b\nc"), "ValueError: ab c"),
+        (ValueError("\ud800x"), "ValueError: \\ud800x"),
+        (KeyError("a"), "KeyError: 'a'"),
+        (ValueError(), "ValueError"),
+        (Odd(), "Odd"),
+    ):
+        assert said(problem) == wanted
+    assert len(said(ValueError("é" * 5_000_000))) < 2100
+    json.dumps(said(ValueError("\udfff"))).encode()
+
+
+SCRIPT = """
+import sys, bodyimage_kin as bk
+sys.path.insert(0, {tests!r})
+bk.Study.from_toml({file!r}).run({out!r}, workers=2)
+"""
+
+
+@pytest.mark.slow
+def test_a_driver_killed_at_any_moment_is_resumed_to_the_bit(done, tmp_path):
+    study = small(seeds=12)
+    study.to_toml(tmp_path / "study.toml")
+    wanted = study.run(tmp_path / "whole", "in-process")
+    script = SCRIPT.format(
+        tests=str(Path(__file__).parents[1]), file=str(tmp_path / "study.toml"), out=str(tmp_path / "out")
+    )
+    rng, finished = np.random.default_rng(1), 0
+    for _ in range(20):
+        process = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL)
+        try:
+            process.wait(float(rng.uniform(2.0, 14.0)))
+            finished += 1
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    found = study.run(tmp_path / "out", "in-process")
+    same(found, wanted)
+    assert replace(study, seeds=3).seeds == (0, 1, 2)
