@@ -27,7 +27,7 @@ def clusters(
     if len(taxels) < 2:
         return [taxels] if len(taxels) else []
     near = scipy.spatial.distance.cdist(positions[taxels], positions[taxels]) < distance
-    count, label = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_array(near), directed=False)
+    count, label = scipy.sparse.csgraph.connected_components(near.astype(float), directed=False)
     found = [taxels[label == one] for one in range(count)]
     return sorted(found, key=lambda one: (-len(one), int(one[0])))
 

@@ -11,7 +11,6 @@ import torch
 from jaxtyping import Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
-from bodyimage_kin.backends import kinematics
 from bodyimage_kin.body import Camera, Embodiment
 from bodyimage_kin.calibration.observability import observability_indices, unobservable
 from bodyimage_kin.calibration.prior import Prior
@@ -82,7 +81,7 @@ class Calibrated:
 
     @property
     def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
-        """Of the posterior, zero where a measure was held; wider by the reduced chi-square where noise was not known."""
+        """Of the posterior, zero where a measure was held; wider by the reduced chi-square where noise was unknown."""
         wider = 1.0 if self.fit.stated else max(self.fit.chi2, 1.0)
         return self.fit.covariance * wider
 
@@ -114,23 +113,28 @@ class Calibrated:
         hand = replace(body.hand, offset=torch.from_numpy(point))
         skin = body.skin.moved(mounts["skin"]) if body.skin is not None and "skin" in mounts else body.skin
         robot = body.robot.with_origins(parametric.corrected(values))
-        links = [hand.link, body.camera.link, *([skin.link] if skin is not None else [])]
-        felt = robot.subtree(links, joints=body.joints, posture=body.home)
-        return replace(
-            body,
-            robot=robot,
+        return Embodiment.build(
+            robot,
+            joints=body.joints,
             hand=hand,
             camera=self._camera(values, mounts),
             skin=skin,
-            kinematics=kinematics(felt, body.kinematics.name),
-            source=body.source + values.tobytes(),
+            home=body.home,
+            name=body.name,
+            backend=body.kinematics.name,
         )
 
-    def _camera(self, values: Float[np.ndarray, "parameters"], mounts: Mapping[str, Float[np.ndarray, "4 4"]]) -> Camera:
+    def _camera(
+        self, values: Float[np.ndarray, "parameters"], mounts: Mapping[str, Float[np.ndarray, "4 4"]]
+    ) -> Camera:
         """The body's own camera, where it was one of those that saw."""
         camera = self.problem.body.camera
         for mount in self.problem.parametric.mounts:
-            if mount.group == "camera" and mount.link == camera.link and np.array_equal(mount.link_T_mount, camera.link_T_camera):
+            if (
+                mount.group == "camera"
+                and mount.link == camera.link
+                and np.array_equal(mount.link_T_mount, camera.link_T_camera)
+            ):
                 intrinsics = self.problem.intrinsics[mount.name]
                 count = len(intrinsics.parameters)
                 first = self.parameters.index(intrinsics.parameters[0]) if count else 0
@@ -222,8 +226,8 @@ class Calibrated:
         )
         if not self.explains:
             return (
-                f"This fit explains nothing: what it did not see is no better foreseen than by the mean ({errors}). Are "
-                "joints in radians, images in the camera's unit, and is it this body?"
+                f"This fit explains nothing: what it did not see is no better foreseen than by the mean ({errors}). "
+                "Are joints in radians, images in the camera's unit, and is it this body?"
             )
         said = f"{self.free} measures from {count} observations; {errors}"
         if self.still:

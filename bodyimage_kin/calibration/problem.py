@@ -14,9 +14,9 @@ from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin.body import Camera, Embodiment
 from bodyimage_kin.body.clusters import touched_place
-from bodyimage_kin.estimators.intrinsics import Intrinsics
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 from bodyimage_kin.estimators.evidence import Images, Planes, Points, Touches
+from bodyimage_kin.estimators.intrinsics import Intrinsics
 from bodyimage_kin.estimators.map_fit import Term
 from bodyimage_kin.estimators.parametric import Mount, Parameter, ParametricBody
 
@@ -142,7 +142,7 @@ class Problem:
         Args:
             kept: Of each term, which rows.
         """
-        return tuple(term.taken(rows) for term, rows in zip(self.terms, kept, strict=True) if rows.any())  # type: ignore[attr-defined]
+        return tuple(term.taken(rows) for term, rows in zip(self.terms, kept, strict=True) if rows.any())
 
 
 # Inner ---------------------------------------------------------------------------------------------------------------
@@ -229,7 +229,7 @@ def _mounts(body: Embodiment, rows: Sequence[_Rows]) -> tuple[dict[str, Mount], 
             intrinsics.setdefault(name, Intrinsics.of(name, camera.model))
         elif one.kind == "points":
             mounts.setdefault("tracker", Mount("tracker", "tracker", body.robot.root, _tracker(body, one)))
-        elif one.kind == "touches":
+        elif one.kind == "touches" and body.skin is not None:
             mounts.setdefault("skin", Mount("skin", "skin", body.skin.link, np.eye(4)))
     return mounts, intrinsics
 
@@ -263,7 +263,9 @@ def _tracker(body: Embodiment, rows: _Rows) -> Float[np.ndarray, "4 4"]:
     return found
 
 
-def _term(body: Embodiment, parametric: ParametricBody, rows: _Rows, intrinsics: Mapping[str, Intrinsics], plane: int) -> Term:
+def _term(
+    body: Embodiment, parametric: ParametricBody, rows: _Rows, intrinsics: Mapping[str, Intrinsics], plane: int
+) -> Term:
     observed = rows.observed
     sigma = None if observed.noise is None else observed.noise.get(rows.kind)
     shared = (rows.kind, parametric, rows.q, rows.offset, sigma, observed.point)

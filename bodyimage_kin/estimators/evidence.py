@@ -6,6 +6,7 @@ derivative of what is left in all parameters, in closed form.
 
 from __future__ import annotations
 
+import abc
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -25,7 +26,7 @@ Residual = tuple[Float[np.ndarray, "count m"], Float[np.ndarray, "count m parame
 
 
 @dataclass(frozen=True, eq=False)
-class _Evidence:
+class _Evidence(abc.ABC):
     """What all kinds share.
 
     Attributes:
@@ -43,6 +44,15 @@ class _Evidence:
     offset: Float[np.ndarray, "count 3"]
     sigma: float | None
     point: str
+
+    @property
+    @abc.abstractmethod
+    def size(self) -> float:
+        """Spread of what was observed [its unit]."""
+
+    @abc.abstractmethod
+    def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
+        """Predicted less observed. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
 
     def hand(
         self, theta: Float[np.ndarray, "parameters"], by_joints: bool = False

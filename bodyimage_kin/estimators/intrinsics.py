@@ -56,7 +56,9 @@ class Intrinsics:
                 lambda changed, values: _with_sides(changed, sides, values),
                 lambda changed, points: _slope_of_sides(changed, sides, points),
             )
-        return cls(model, (), lambda changed, values: changed, lambda changed, points: np.zeros((len(points), model.m, 0)))
+        return cls(
+            model, (), lambda changed, values: changed, lambda changed, points: np.zeros((len(points), model.m, 0))
+        )
 
     def at(self, values: Float[np.ndarray, "parameters"]) -> CameraModel:
         """The model with these numbers added."""
@@ -90,9 +92,7 @@ def _with_pinhole(model: Pinhole, values: Float[np.ndarray, "parameters"]) -> Pi
     )
 
 
-def _slope_of_pinhole(
-    model: Pinhole, points: Float[np.ndarray, "count 3"]
-) -> Float[np.ndarray, "count 2 parameters"]:
+def _slope_of_pinhole(model: Pinhole, points: Float[np.ndarray, "count 3"]) -> Float[np.ndarray, "count 2 parameters"]:
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
     s = x**2 + y**2
     image = model.project(torch.from_numpy(points)).numpy()

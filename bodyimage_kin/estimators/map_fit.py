@@ -31,17 +31,22 @@ _ROUNDING = 1e-12
 
 @runtime_checkable
 class Term(Protocol):
-    """One kind of evidence.
+    """One kind of evidence."""
 
-    Attributes:
-        name: What it is.
-        sigma: Standard deviation of its noise in each coordinate [its unit]; None: unknown.
-        size: Of its observations [its unit], to tell rounding from noise.
-    """
+    @property
+    def name(self) -> str:
+        """What it is."""
+        ...
 
-    name: str
-    sigma: float | None
-    size: float
+    @property
+    def sigma(self) -> float | None:
+        """Standard deviation of its noise in each coordinate [its unit]; None: unknown."""
+        ...
+
+    @property
+    def size(self) -> float:
+        """Of its observations [its unit], to tell rounding from noise."""
+        ...
 
     def residual(
         self, theta: Float[np.ndarray, "parameters"]
@@ -148,10 +153,17 @@ def _descend(
 
     if not free.any():
         return start, 0.5 * float((at(start[free])[0] ** 2).sum())
+
+    def remaining(values: Float[np.ndarray, "free"]) -> np.ndarray:
+        return at(values)[0]
+
+    def derivative(values: Float[np.ndarray, "free"]) -> np.ndarray:
+        return at(values)[1]
+
     end = scipy.optimize.least_squares(
-        lambda values: at(values)[0],
+        remaining,
         start[free],
-        lambda values: at(values)[1],
+        derivative,
         x_scale=scale,
         max_nfev=steps,
         xtol=_TOLERANCE,

@@ -8,7 +8,8 @@ numbers are zero on the body as it is thought to be, and a joint's origin with i
     origin @ translation(B t) @ rotation(exp [B w]x),    B = (e1, e2, axis)
 
 so that a body that is found has full 6D joint origins, as every URDF can say them. Derivatives are exact, the right
-Jacobian of the exponential included (Sola, Deray and Atchuthan 2018, equation 143), and linear in the number of samples.
+Jacobian of the exponential included (Sola, Deray and Atchuthan 2018, equation 143), and linear in the number of
+samples.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from jaxtyping import Float
 from bodyimage_kin.robot import Robot, transforms
 from bodyimage_kin.robot.tree import Joint
 
-__all__ = ["Frame", "Mount", "ParametricBody", "Parameter"]
+__all__ = ["Frame", "Mount", "Parameter", "ParametricBody"]
 
 Group = Literal["axes", "offsets", "encoders", "hand", "camera", "intrinsics", "skin", "tracker", "plane"]
 GROUPS: tuple[Group, ...] = ("axes", "offsets", "encoders", "hand", "camera", "intrinsics", "skin", "tracker", "plane")
@@ -163,13 +164,14 @@ class ParametricBody:
         found = {}
         for mount in self.mounts:
             here = self._link(mount.link, values, theta, reached).off(
-                mount.link_T_mount, theta[self._first[f"mount {mount.name}"] :][:6], np.eye(3), self._first[f"mount {mount.name}"]
+                mount.link_T_mount,
+                theta[self._first[f"mount {mount.name}"] :][:6],
+                np.eye(3),
+                self._first[f"mount {mount.name}"],
             )
             if by_joints:
                 frame = here.frame(here.motions, len(self.joints))
-                found[mount.name] = replace(
-                    frame, turned=frame.turned @ self._matrix, moved=frame.moved @ self._matrix
-                )
+                found[mount.name] = replace(frame, turned=frame.turned @ self._matrix, moved=frame.moved @ self._matrix)
             else:
                 found[mount.name] = here.frame(here.small, len(self.parameters))
         return found

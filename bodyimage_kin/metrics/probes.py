@@ -72,13 +72,15 @@ class Probe(abc.ABC):
 class Training(Probe):
     """The postures of what was learned from: the true ones where the recording has a truth, else the felt ones."""
 
-    def postures(self, body: Embodiment | None, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+    def postures(self, body: Embodiment | None, seen: xr.Dataset | None) -> Float[Tensor, "postures p"]:
         """All finite postures of all trials, in order; where there is a body, of its joints.
 
         Raises:
             InvalidRecording: A recording without postures, or of other joints.
             UnknownName: A joint that the body does not feel.
         """
+        if seen is None:
+            raise InvalidRecording("the training postures are those of a recording; give what was learned from")
         return torch.from_numpy(_training_postures(seen, body))
 
 

@@ -171,6 +171,7 @@ def test_no_truth_reaches_a_fit(body, off):
         (lambda body, exp: calibrate(body, exp, free=["arms"]), InvalidConfig, "free='arms'"),
         (lambda body, exp: calibrate(body, exp, free="all"), InvalidConfig, "free='all'"),
         (lambda body, exp: calibrate(body, exp.drop_vars(["hand_image", "touched"])), InvalidRecording, "nothing"),
+        (lambda body, exp: calibrate(body, exp.isel(time=slice(0, 2)), folds=2), InvalidRecording, "noise of"),
         (lambda body, exp: calibrate(body, Observed(exp, use=["points"])), InvalidConfig, "no hand_position"),
         (lambda body, exp: Observed(exp, noise={"images": -1}), InvalidConfig, "noise"),
         (lambda body, exp: Prior(axes=0), InvalidConfig, "axes=0"),
@@ -184,7 +185,9 @@ def test_mistakes_are_named(body, call, error, message):
 
 def test_intrinsics_and_a_camera_that_stands_elsewhere_are_found(body):
     rng = np.random.default_rng(0)
-    model = bk.Pinhole(fx=800.0, fy=790.0, cx=320.0, cy=240.0, distortion=(-0.1, 0.05, 1e-3, -1e-3, 0.0), size=(640, 480))
+    model = bk.Pinhole(
+        fx=800.0, fy=790.0, cx=320.0, cy=240.0, distortion=(-0.1, 0.05, 1e-3, -1e-3, 0.0), size=(640, 480)
+    )
     camera = bk.Camera(body.camera.link, body.camera.link_T_camera, model)
     nominal = dataclasses.replace(body, camera=camera)
     q = body.touch_postures(range(441), distance=0.03).numpy()

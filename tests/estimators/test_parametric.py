@@ -1,4 +1,4 @@
-"""A body with every measure a little off: right where nothing is off, exact in every derivative, a URDF like any other."""
+"""A body with every measure a little off: right where nothing is, exact in every derivative, a URDF like any other."""
 
 from __future__ import annotations
 
@@ -81,7 +81,10 @@ def test_derivatives_are_those_of_the_residuals(setup, kind, size):
         ahead, behind = (term.residual(theta + sign * STEP * direction)[0] for sign in (1, -1))
         difference = (ahead - behind) / (2 * STEP)
         np.testing.assert_allclose(
-            slope[:, :, index], difference, atol=2e-9 * max(1.0, np.abs(slope).max()), err_msg=parametric.parameters[index].name
+            slope[:, :, index],
+            difference,
+            atol=2e-9 * max(1.0, np.abs(slope).max()),
+            err_msg=parametric.parameters[index].name,
         )
 
 
@@ -93,7 +96,7 @@ def test_a_corrected_joint_turns_about_the_corrected_axis(setup):
         pose = origins[joint.name]
         np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), atol=1e-14)
     zero = parametric.corrected(np.zeros(len(theta)))
-    tilt = [index for index, one in enumerate(parametric.parameters) if "zero of its encoder" in one.name][0]
+    tilt = next(index for index, one in enumerate(parametric.parameters) if "zero of its encoder" in one.name)
     theta = np.zeros(len(theta))
     theta[tilt] = 0.3
     joint = parametric.joints[tilt // 6]
@@ -146,7 +149,7 @@ def test_robust_costs_bear_outliers_that_squares_do_not(setup):
 
 
 def test_two_kinds_of_evidence_weigh_by_their_noise(setup):
-    parametric, _, q = setup
+    parametric, _, _q = setup
     terms = evidence(setup)
     group = np.array([one.group for one in parametric.parameters])
     free, sd = group == "hand", np.full(len(group), 0.02)

@@ -60,17 +60,20 @@ def calibrate(
 
     Raises:
         InvalidConfig: A group that does not exist, or recordings of other joints than the body's.
-        InvalidRecording: Nothing that tells of the body.
+        InvalidRecording: Nothing that tells of the body, or too little to tell the noise as well.
     """
     given = [observed] if isinstance(observed, xr.Dataset | Observed) else list(observed)
     problem = Problem.of(
-        body, [one if isinstance(one, Observed) else Observed(one) for one in given], _checks.whole("folds", folds, least=2)
+        body,
+        [one if isinstance(one, Observed) else Observed(one) for one in given],
+        _checks.whole("folds", folds, least=2),
     )
     prior = prior or Prior()
     if free == "auto":
         groups, held_out = _chosen(problem, prior, robust)
     else:
         groups = _groups(free)
+        _require_enough(problem, groups)
         held_out = hold_out(problem, prior, groups, robust)
     nominal = hold_out(problem, prior, (), robust)
     fit = fitted(problem, prior, groups, robust)
@@ -85,12 +88,28 @@ def fitted(
     kept: Sequence[Bool[np.ndarray, "_"]] | None = None,
 ) -> Fit:
     """The fit of some groups to some of the evidence; None: to all of it."""
+    free = _free(problem, groups)
+    terms = problem.terms if kept is None else problem.subset(kept)
+    return maximum_a_posteriori(terms, free=free, sd=prior.sds(problem.parametric.parameters), robust=robust)
+
+
+def _free(problem: Problem, groups: Sequence[Group]) -> Bool[np.ndarray, "parameters"]:
     parameters = problem.parametric.parameters
-    free = np.array(
+    return np.array(
         [one.group in (*groups, *_NUISANCE) and index not in problem.held for index, one in enumerate(parameters)]
     )
-    terms = problem.terms if kept is None else problem.subset(kept)
-    return maximum_a_posteriori(terms, free=free, sd=prior.sds(parameters), robust=robust)
+
+
+def _require_enough(problem: Problem, groups: Sequence[Group]) -> None:
+    """Noise that nobody stated is told by what a fit leaves, and a fit of as many numbers leaves nothing."""
+    free = int(_free(problem, groups).sum())
+    count = sum(term.residual(np.zeros(len(problem.parametric.parameters)))[0].size for term in problem.terms)
+    unknown = [term.name for term in problem.terms if term.sigma is None]
+    if unknown and count <= free:
+        raise InvalidRecording(
+            f"{count} observed coordinates cannot tell {free} measures and the noise of {', '.join(unknown)} as well; "
+            "state the noise, free fewer groups, or record more"
+        )
 
 
 def hold_out(problem: Problem, prior: Prior, groups: Sequence[Group], robust: bool) -> HeldOut:
@@ -101,7 +120,9 @@ def hold_out(problem: Problem, prior: Prior, groups: Sequence[Group], robust: bo
     """
     blocks = sorted(set(itertools.chain.from_iterable(block.tolist() for block in problem.blocks)))
     if len(blocks) < 2:
-        raise InvalidRecording("the recording is one block, so nothing can be held out; give it blocks, or more samples")
+        raise InvalidRecording(
+            "the recording is one block, so nothing can be held out; give it blocks, or more samples"
+        )
     errors = [np.full(len(block), np.nan) for block in problem.blocks]
     for hidden in blocks:
         kept = [block != hidden for block in problem.blocks]
@@ -109,7 +130,7 @@ def hold_out(problem: Problem, prior: Prior, groups: Sequence[Group], robust: bo
         for term, block, error in zip(problem.terms, problem.blocks, errors, strict=True):
             here = block == hidden
             if here.any():
-                error[here] = np.linalg.norm(term.taken(here).residual(fit.theta)[0], axis=1)  # type: ignore[attr-defined]
+                error[here] = np.linalg.norm(term.taken(here).residual(fit.theta)[0], axis=1)
     return HeldOut(tuple(errors), problem.blocks)
 
 

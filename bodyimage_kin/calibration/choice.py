@@ -21,8 +21,8 @@ from jaxtyping import Float, Int
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin.body import Embodiment, VirtualScreen
-from bodyimage_kin.calibration.calibrate import calibrate
 from bodyimage_kin.calibration.calibrated import Calibrated
+from bodyimage_kin.calibration.fitting import calibrate
 from bodyimage_kin.calibration.prior import Prior
 from bodyimage_kin.calibration.problem import Observed
 from bodyimage_kin.errors import InvalidConfig, NotVisible
@@ -117,16 +117,20 @@ def next_postures(
     _checks.choice("aim", aim, ("probes", "everything", "random"))
     number = _checks.whole("count", count, least=1)
     if seen is not None:
+        thought = body.problem.body if isinstance(body, Calibrated) else body
+        told = _noise(thought, body if isinstance(body, Calibrated) else None, noise)
         body = calibrate(
-            body.problem.body if isinstance(body, Calibrated) else body,
-            Observed(seen, use=["images"]),
+            thought,
+            Observed(seen, use=["images"], noise={"images": told}),
             prior=prior,
             free=free or _FREE,
         )
     known = body if isinstance(body, Calibrated) else None
     estimate = known.body if known is not None else body
     assert isinstance(estimate, Embodiment)
-    design = _Design.of(estimate, known, prior or (known.prior if known else Prior()), _noise(estimate, known, noise), free)
+    design = _Design.of(
+        estimate, known, prior or (known.prior if known else Prior()), _noise(estimate, known, noise), free
+    )
     q = _candidates(estimate, candidates, seed)
     visible = np.flatnonzero(estimate.visible(torch.from_numpy(q)).numpy())
     at_probes = _probe_postures(estimate, probes, seen)
@@ -147,6 +151,7 @@ class _Design:
         images: Evidence of no rows: what a posture would show.
         offset: The hand's centre in its link [m].
         free: Indices of the measures that may be off.
+        sds: (free,) of the prior.
         precision: (free, free) of prior and what was seen.
         noise: Of images [their unit].
     """
@@ -154,6 +159,7 @@ class _Design:
     images: Images
     offset: Float[np.ndarray, "3"]
     free: Int[np.ndarray, "free"]
+    sds: Float[np.ndarray, "free"]
     precision: Float[np.ndarray, "free free"]
     noise: float
 
@@ -185,7 +191,7 @@ class _Design:
             columns = np.array([i for i in there if i >= 0])
             if len(rows):
                 precision[np.ix_(rows, rows)] += known.fit.information[np.ix_(columns, columns)]
-        return cls(images, body.hand.offset.numpy(), indices, precision, noise)
+        return cls(images, body.hand.offset.numpy(), indices, sds, precision, noise)
 
     def slopes(self, q: Float[np.ndarray, "count p"]) -> Float[np.ndarray, "count m free"]:
         """Derivative of images in the measures, over their noise."""
@@ -218,9 +224,10 @@ class _Design:
         apart: float,
     ) -> tuple[Int[np.ndarray, "count"], Float[np.ndarray, "after"]]:
         """Candidates, each the best after those before; and the predicted error before and after each."""
-        # In units of the prior, so that radians and metres are inverted alike.
         D = self.slopes(q[order])
-        S = np.linalg.inv(self.precision)
+        # In units of the prior, so that radians and metres are inverted alike.
+        scale = np.outer(self.sds, self.sds)
+        S = np.linalg.inv(self.precision * scale) * scale
         left = np.ones(len(order), dtype=bool)
         chosen: list[int] = []
         errors = [float(np.sqrt(np.trace(A @ S)))]
@@ -228,7 +235,8 @@ class _Design:
         for number in range(count):
             if not left.any():
                 raise InvalidConfig(
-                    f"count={count}: only {number} candidates in view are farther apart than {apart:g}; give more of them"
+                    f"count={count}: only {number} candidates in view are farther apart than {apart:g}; "
+                    "give more of them"
                 )
             if aim == "random":
                 best = int(np.flatnonzero(left)[0])
@@ -281,7 +289,9 @@ def _candidates(body: Embodiment, candidates: ArrayLike | None, seed: int) -> Fl
     if candidates is not None:
         q = as_float_array(candidates, "candidates", ndim=2)
         if q.ndim != 2 or q.shape[1] != body.p or not np.isfinite(q).all():
-            raise InvalidConfig(f"candidates have shape {q.shape}; give finite postures of {body.p} felt joints, (n, {body.p})")
+            raise InvalidConfig(
+                f"candidates have shape {q.shape}; give finite postures of {body.p} felt joints, (n, {body.p})"
+            )
         return q
     columns = [body.felt_robot.joint_index(name) for name in body.joints]
     found: list[Float[np.ndarray, "some p"]] = []
@@ -293,7 +303,9 @@ def _candidates(body: Embodiment, candidates: ArrayLike | None, seed: int) -> Fl
         if count >= _CANDIDATES:
             return np.concatenate(found)[:_CANDIDATES]
     if count == 0:
-        raise NotVisible(f"embodiment '{body.name}': the camera sees the hand in none of {_DRAWN * _CANDIDATES} postures")
+        raise NotVisible(
+            f"embodiment '{body.name}': the camera sees the hand in none of {_DRAWN * _CANDIDATES} postures"
+        )
     return np.concatenate(found)
 
 
