@@ -75,7 +75,7 @@ def test_the_robot_that_was_found_is_read_alike_by_other_libraries(found):
 
 def test_a_robot_calibrates_itself_by_touching_without_an_eye(body, off):
     touches = bk.experience(bk.simulate(off, bk.motions.RandomTouch(duration=60.0), seed=2)).drop_vars("hand_image")
-    fit = calibrate(body, Observed(touches, use=["touches"]), free=["axes", "offsets"])
+    fit = calibrate(body, Observed(touches, use=["touches"]), free=["axes", "offsets"], folds=2)
     q = off.touch_postures(range(0, 441, 7))
     apart = [np.linalg.norm(one.hand_in_skin(q) - off.hand_in_skin(q), axis=1) for one in (body, fit.body)]
     assert np.median(apart[1]) < 0.25 * np.median(apart[0])
@@ -85,8 +85,8 @@ def test_a_robot_calibrates_itself_by_touching_without_an_eye(body, off):
 def test_several_kinds_of_evidence_are_worth_more_than_one(body, off):
     images = seen(off)
     touches = bk.experience(bk.simulate(off, bk.motions.RandomTouch(duration=30.0), seed=2))
-    both = calibrate(body, [images, Observed(touches, use=["touches"])], free=["axes", "offsets"])
-    one = calibrate(body, images, free=["axes", "offsets"])
+    both = calibrate(body, [images, Observed(touches, use=["touches"])], free=["axes", "offsets"], folds=2)
+    one = calibrate(body, images, free=["axes", "offsets"], folds=2)
     assert face_error(off, both.body) < face_error(off, one.body)
     assert np.trace(both.fit.information) > np.trace(one.fit.information)
 
@@ -137,6 +137,7 @@ def test_joints_that_hardly_move_are_named(body):
     assert "left_wrist" in calibrate(body, exp.assign(q=q)).still
 
 
+@pytest.mark.slow
 def test_only_what_helps_is_freed(body, off):
     assert calibrate(body, seen(body), free="auto").groups == ()
     freed = calibrate(body, seen(off), free="auto")
@@ -161,7 +162,7 @@ def test_a_narrow_prior_holds_and_a_wide_one_lets_go(body, off):
 def test_no_truth_reaches_a_fit(body, off):
     rec = bk.simulate(off, bk.motions.Circle(turns=0.5), seed=1)
     noise = {name: rec[name].astype(float) * 0 + 7.0 for name in rec if str(name).startswith("true_")}
-    one, other = calibrate(body, rec), calibrate(body, rec.assign(noise))
+    one, other = (calibrate(body, each, free=["axes"], folds=2) for each in (rec, rec.assign(noise)))
     np.testing.assert_array_equal(one.fit.theta, other.fit.theta)
 
 
