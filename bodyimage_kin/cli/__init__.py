@@ -34,26 +34,27 @@ class Reproduce:
     """Name of an embodiment, or path of a TOML file."""
     quick: bool = False
     """A tenth of the touching time, for a first look."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler, tcp://..., instead of a pool of processes."""
+    workers: int | None = None
+    """Number of processes; by default one a core."""
 
     def __call__(self) -> int:
-        """Runs it."""
-        from dataclasses import asdict
-
+        """Runs it; what an interrupted run has computed is not computed again."""
         from bodyimage_kin._files import claim
-        from bodyimage_kin._progress import progress
         from bodyimage_kin.published import fuke2007
         from bodyimage_kin.report.fuke2007 import write_reproduction
 
         begin = time.monotonic()
         seeds = self.seeds if self.seeds is not None else (3 if self.quick else 10)
-        settings = fuke2007.Settings(self.embodiment, seeds, self.quick)
+        study = fuke2007.grid(self.embodiment, seeds, quick=self.quick)
         # A wrong embodiment is told before any folder is touched.
-        fuke2007.check(settings)
-        folder = claim(self.out, "reproduction", asdict(settings))
-        with progress("motions and seeds") as report:
-            cells = fuke2007.run(settings, folder / "recordings", progress=report)
-        summary = fuke2007.summarise(settings, cells)
-        page = write_reproduction(settings, cells, summary, folder)
+        study.origin()
+        folder = claim(self.out, "reproduction", {"embodiment": self.embodiment, "seeds": seeds, "quick": self.quick})
+        store = folder / "study"
+        results = study.run(store, self.scheduler, workers=self.workers, progress=True)
+        summary = fuke2007.judge(results)
+        page = write_reproduction(results, summary, store, folder, quick=self.quick)
         fuke2007.write_summary(summary, folder / "summary.json")
         print(f"{page} after {time.monotonic() - begin:.0f} s")
         return 0

@@ -1,26 +1,38 @@
-"""Figures and pages made of results."""
+"""Pages made of results and figures."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import xarray as xr
 
+__all__ = ["publish", "write"]
+
 
 def write(
-    results: xr.Dataset, path: str | os.PathLike[str], *, baseline: str | None = None, atlas: str | None = None
+    results: xr.Dataset,
+    path: str | os.PathLike[str],
+    *,
+    baseline: str | None = None,
+    atlas: str | None = None,
+    labels: Mapping[str, str] | None = None,
 ) -> Path:
     """Writes a study's results as one HTML page that needs nothing else, no network either.
+
+    Every figure shows its values under the pointer, and has them as CSV beside it.
 
     Args:
         results: Of :meth:`bodyimage_kin.Study.run`.
         path: The page.
-        baseline: Name of the estimator that others are compared with; None: the first.
+        baseline: Name of the estimator that others are compared with; None: the first that is not the truth itself.
         atlas: Name of the estimator whose errors are drawn over the face, where scores of each posture were kept; None:
             the one with the smallest error.
+        labels: What a reader calls estimators, recordings ... by name; before those of the study's config, and of
+            ``bodyimage_kin.figures.labels``.
 
     Returns:
         The page's path.
@@ -29,22 +41,29 @@ def write(
         UnknownName: No such estimator.
         InvalidConfig: Not the results of a study.
     """
-    from bodyimage_kin.report import study_page
+    from bodyimage_kin.report import _study_page
 
-    return study_page.write(results, Path(path), baseline, atlas)
+    return _study_page.write(results, Path(path), baseline, atlas, labels)
 
 
-def publish(results: xr.Dataset, folder: str | os.PathLike[str], *, baseline: str | None = None) -> Path:
+def publish(
+    results: xr.Dataset,
+    folder: str | os.PathLike[str],
+    *,
+    baseline: str | None = None,
+    labels: Mapping[str, str] | None = None,
+) -> Path:
     """Writes what a published comparison consists of, beside its config and its findings.
 
     ``results.json`` has the numbers of table and figure with their intervals, ``table.md`` the ones to be read,
-    ``errors.svg`` and ``errors.png`` the errors at every probe. Ratios are on the face; p-values are adjusted over all
-    comparisons of one embodiment.
+    ``errors.svg``, ``errors.png`` and ``errors.csv`` the errors at every probe. Ratios are on the face; p-values are
+    adjusted over all comparisons of one embodiment.
 
     Args:
         results: Of :meth:`bodyimage_kin.Study.run`.
         folder: Made when missing.
         baseline: Name of the estimator that others are compared with; None: the first that is not the truth itself.
+        labels: As of :func:`write`.
 
     Returns:
         The table's path.
@@ -54,6 +73,6 @@ def publish(results: xr.Dataset, folder: str | os.PathLike[str], *, baseline: st
         InvalidConfig: Results without ``relative_error_use``, or of a study that was not run to its end.
         OutputRefused: A folder that cannot be written to.
     """
-    from bodyimage_kin.report import publication
+    from bodyimage_kin.report import _publication
 
-    return publication.write(results, Path(folder), baseline)
+    return _publication.write(results, Path(folder), baseline, labels)

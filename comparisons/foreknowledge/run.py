@@ -7,12 +7,46 @@ an interrupted run is taken up where it ended. What failed stands in the results
 from __future__ import annotations
 
 import argparse
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import bodyimage_kin as bk
+from bodyimage_kin import figures
 from bodyimage_kin._files import write_text
-from bodyimage_kin._progress import progress
-from bodyimage_kin.figures import foreknowledge_figures, style
 from bodyimage_kin.published import foreknowledge
+
+PREDICTORS = (
+    "posture_distance",
+    "excitation_deficit",
+    "gaussian_process",
+    "without_structure",
+    "perturbed_arms",
+    "calibrated_arm",
+)
+"""Those with a panel each; the structure is unknown to the first three."""
+
+
+@figures.style()
+def draw(found: Mapping[str, Any], folder: Path) -> None:
+    """Predicted against measured for each estimator, and what each predictor is worth."""
+    for estimator, of in found["estimators"].items():
+        shown = [name for name in PREDICTORS if name in of["predictors"]]
+        figure, grid = figures.panels(2, 3, height=4.9, sharex=True, sharey=True)
+        for axes, predictor in zip(grid.flat, shown, strict=False):
+            figures.predicted_errors(found, estimator, predictor, axes, scale=axes in grid[:, -1])
+            axes.label_outer()
+        for axes in grid.flat[len(shown) :]:
+            axes.remove()
+        figures.letters(grid.flat[: len(shown)])
+        figures.legend(figure)
+        figures.save(figure, folder, f"predicted_{estimator}")
+    figure, grid = figures.panels(1, len(found["estimators"]), height=3.3, sharey=True)
+    for axes, estimator in zip(grid[0], found["estimators"], strict=True):
+        figures.r2_bars(found, estimator, axes)
+    figures.letters(grid[0])
+    figures.save(figure, folder, "r2")
 
 
 def main() -> None:
@@ -21,20 +55,17 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=30, help="recordings of each condition (default: 30)")
     parser.add_argument("--workers", type=int, default=None, help="processes (default: one a core)")
     parser.add_argument("--quick", action="store_true", help="two recordings of each condition")
-    parser.add_argument("--store", type=Path, default=None, help="folder that keeps what is done (default: none)")
+    parser.add_argument("--store", type=Path, default=None, help="folder of the study (default: none is kept)")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, help="folder of the results")
     asked = parser.parse_args()
-    settings = foreknowledge.Settings(seeds=2 if asked.quick else asked.seeds)
-    with progress("conditions and seeds") as report:
-        cells = foreknowledge.run(settings, workers=asked.workers, store=asked.store, progress=report)
-    found = foreknowledge.summarise(settings, cells)
+    study = foreknowledge.grid(seeds=2 if asked.quick else asked.seeds)
+    with tempfile.TemporaryDirectory() as folder:
+        results = study.run(asked.store or folder, workers=asked.workers, progress=True)
+    found = foreknowledge.judge(results, bk.load_embodiment("infant"))
     asked.out.mkdir(parents=True, exist_ok=True)
     foreknowledge.write_summary(found, asked.out / "results.json")
     write_text(asked.out / "results.md", foreknowledge.markdown(found))
-    for estimator in found["estimators"]:
-        figure = foreknowledge_figures.predicted_against_measured(found, estimator)
-        style.save(figure, asked.out, f"predicted_{estimator}")
-    style.save(foreknowledge_figures.r2_bars(found), asked.out, "r2")
+    draw(found, asked.out)
     print(foreknowledge.markdown(found))
     if found["failed"]:
         raise SystemExit(f"{len(found['failed'])} conditions and seeds failed; results.md has their words")

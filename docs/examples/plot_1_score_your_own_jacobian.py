@@ -11,7 +11,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import bodyimage_kin as bk
-from bodyimage_kin.figures import style
 
 body = bk.load_embodiment("infant")
 posture = body.touch_postures([body.skin.landmarks["nose"]], distance=0.03)[0].numpy()
@@ -45,22 +44,15 @@ for name in ("scale", "mean_excited", "mean_unexcited", "variation", "total"):
 # Right, the squared error over the whole face as the sum of its parts.
 
 figure, (*faces, bars) = plt.subplots(1, 3, figsize=(8.5, 3.3), layout="constrained")
-jacobians = {"as measured": mine, f"times {parts.best_scale:.2f}": parts.best_scale * mine}
+jacobians = {"as measured": mine, f"best single factor, {parts.best_scale:.2f}": parts.best_scale * mine}
 for axes, (title, jacobian) in zip(faces, jacobians.items(), strict=True):
     errors = bk.metrics.jacobian_errors(true, jacobian, metric=excitation.motion_metric)
-    grid = errors.relative_error.values.reshape(body.skin.shape)
-    face = axes.imshow(grid, cmap="cividis", vmin=0, vmax=0.8)
-    for name, taxel in body.skin.landmarks.items():
-        row, column = divmod(taxel, body.skin.shape[1])
-        axes.plot(column, row, **style.landmark(name), label=style.label(name))
-    axes.set(title=title, xlabel="column of taxels", ylabel="row of taxels")
-figure.colorbar(face, ax=faces, shrink=0.8, label="relative error")
-figure.legend(*faces[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
-names = ["scale", "mean,\nexcited", "mean,\nunexcited", "variation"]
-sizes = [parts.scale, parts.mean_excited, parts.mean_unexcited, parts.variation]
-bars.barh(names, sizes, color="#4aa8e0", edgecolor="black")
-bars.set(title="why", xlabel="squared relative error")
-bars.invert_yaxis()
+    bk.figures.face(body, errors.relative_error, axes, label="relative error", limits=(0, 0.8))
+    axes.set_title(title)
+names = ("scale", "mean_excited", "mean_unexcited", "variation")
+bk.figures.attribution({"mine": {name: getattr(parts, name) for name in names}}, bars)
+bars.set_title("why")
+bk.figures.legend(figure, below=True)
 plt.show()
 
 # %%

@@ -9,7 +9,6 @@ the face, where it never was?
 import matplotlib.pyplot as plt
 
 import bodyimage_kin as bk
-from bodyimage_kin.figures import style
 
 body = bk.load_embodiment("infant")
 noise = bk.Noise(torque=0.1, encoder=0.001, image=0.0002)  # the paper's [N m], and of the sensors [rad], [m]
@@ -40,28 +39,19 @@ excitation = bk.metrics.excitation(recording, touch)  # of the felt motions
 # %%
 # The squared relative error is a sum of four parts, none of them negative. A Jacobian of zeros has 1.
 
-looks = {
-    "scale": {"color": "#24405e"},
-    "mean_excited": {"color": "#7da7c4", "hatch": "////"},
-    "mean_unexcited": {"color": "#dbe7f0", "hatch": "...."},
-    "variation": {"color": "#e8b04a"},
-}
+parts = ("scale", "mean_excited", "mean_unexcited", "variation")
 figure, panels = plt.subplots(1, 3, sharey=True, figsize=(8.5, 3.3), layout="constrained")
 for axes, (place, probe) in zip(panels, probes.items(), strict=True):
     q = probe.postures(body, recording)
     true = body.hand_image_jacobian(q)
+    bars = {}
     for name in learned:
         found = bk.metrics.attribute(true, learned[name].jacobian(q), excitation.motion_metric, excitation)
         print(f"{place:10s} {name:17s} relative error {found.total**0.5:.3f}")
-        left = 0.0
-        for part, look in looks.items():
-            size = getattr(found, part)
-            axes.barh(style.label(name), size, left=left, edgecolor="black", **look)
-            left += size
-    axes.set(title=style.label(place), xlabel="squared relative error", xlim=(0, 0.36))
-panels[0].invert_yaxis()
-parts = [part.replace("_", ", ") for part in looks]
-figure.legend(panels[0].containers[:4], parts, loc="outside upper center", ncols=4)
+        bars[name] = {part: getattr(found, part) for part in parts}
+    bk.figures.attribution(bars, axes)
+    axes.set(title=bk.figures.label(place), xlim=(0, 0.4))
+bk.figures.legend(figure)
 plt.show()
 
 # %%

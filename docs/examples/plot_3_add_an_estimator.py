@@ -15,7 +15,6 @@ import numpy as np
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin.figures import style
 
 
 @dataclass(frozen=True)
@@ -66,12 +65,12 @@ with tempfile.TemporaryDirectory() as store:
 print(errors.mean("seed").to_pandas().round(3))
 
 # %%
-looks = style.appearances(ours) | {"yours": {"color": "black", "marker": "^"}}
-probes = [style.label(probe) for probe in errors.probe.values]
+looks = bk.figures.looks(ours) | {"yours": {"color": "black", "marker": "^"}}
+probes = [bk.figures.label(probe) for probe in errors.probe.values]
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 for name, look in looks.items():
     lines = axes.plot(probes, errors.sel(estimator=name).T, **look)
-    lines[0].set_label(style.label(name))
+    lines[0].set_label(bk.figures.label(name))
 axes.set(ylabel="relative error, one line a recording", ylim=(0, None))
 axes.legend()
 plt.show()

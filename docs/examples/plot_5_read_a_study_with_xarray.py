@@ -11,7 +11,6 @@ import tempfile
 import matplotlib.pyplot as plt
 
 import bodyimage_kin as bk
-from bodyimage_kin.figures import style
 from bodyimage_kin.study import compare
 
 circle = bk.motions.Circle()
@@ -62,7 +61,7 @@ for axes, recording in zip(panels, ratios.recording.values, strict=True):
         reach = [one.ratio - one.lower, one.upper - one.ratio]
         axes.errorbar(places, one.ratio, reach, **look, linestyle="", capsize=3)
     axes.axhline(1.0, color="0.4", linewidth=0.8, linestyle="--", label="least squares")
-    axes.set_xticks(range(one.sizes["probe"]), map(style.label, one.probe.values))
+    axes.set_xticks(range(one.sizes["probe"]), map(bk.figures.label, one.probe.values))
     axes.set(title=f"{recording} recordings", xlim=(-0.5, 2.5))
 panels[0].set(ylabel="error over that of least squares", ylim=(0, 1.2))
 figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)

@@ -8,7 +8,6 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
-from bodyimage_kin.figures import error_figures
 from bodyimage_kin.study.results import MISSING
 
 ESTIMATORS = ["analytic", "least_squares", "rational_trig"]
@@ -70,6 +69,7 @@ def test_scores_that_failed_leave_gaps(results, tmp_path):
     assert numbers["scores"]["noisy"]["rational_trig"]["relative_error_use"]["on_face"]["mean"] is None
     assert numbers["failures"][0]["failure"] == "it broke"
     assert (tmp_path / "errors.svg").stat().st_size > 5000
+    assert "rational trigonometric" in (tmp_path / "errors.csv").read_text()
 
 
 def test_recordings_that_failed_are_counted_in_the_table(results, tmp_path):
@@ -108,5 +108,14 @@ def test_refuses_what_is_no_comparison(results, tmp_path):
     results["failure"][0, 0, 0, 0] = MISSING
     with pytest.raises(InvalidConfig, match="run the study to its end"):
         bk.report.publish(results, tmp_path)
-    with pytest.raises(InvalidConfig, match="probes"):
-        error_figures.by_probe({"noisy": {}}, ["a", "b", "c", "d", "e"])
+
+
+def test_names_of_ones_own_are_labelled_and_change_no_table(results, tmp_path):
+    odd = results.assign_coords(estimator=["analytic", "a|b <script>", "mine"], recording=["x | y", "noisy"])
+    lines = bk.report.publish(odd, tmp_path, labels={"mine": "my network"}).read_text().splitlines()
+    columns = {line.replace("\\|", "").count("|") for line in lines if line.startswith("|")}
+    assert len(columns) == 1
+    assert any(line.startswith("| my network |") for line in lines)
+    assert any(line.startswith(r"| a\|b &lt;script> |") for line in lines)
+    assert r"### x \| y" in lines
+    assert set(json.loads((tmp_path / "results.json").read_text())["scores"]) == {"x | y", "noisy"}

@@ -137,7 +137,7 @@ def test_the_page_shows_how_the_error_travels(done, tmp_path):
     text = re.sub(r"data:[^\"]*", "", page)
     assert "nan" not in text.lower().split()
     section = text[text.index('<h2 id="maps">') : text.index('<h2 id="origin">')]
-    assert section.count("<img") == 1
+    assert section.count("<figure id=") == 1
     assert "means over 2 first maps" in section
     assert "direct sight</td>" in section
     # The truth itself, and what integrates as it does, are left out of correlations by choice, and the page says so.

@@ -138,17 +138,17 @@ def _spread(values: Sequence[float]) -> str:
 
 def _plot(result: Mapping[str, Any], folder: Path) -> None:
     """Postures a second over the batch, a panel an arm."""
-    from bodyimage_kin.figures.style import DOUBLE_COLUMN, appearances, new_figure, save, style
+    from bodyimage_kin import figures
 
     rows = result["forward"]
     robots = list(dict.fromkeys(row["robot"] for row in rows))
     # As many as can be told apart: the variants that are left out have their rows in the tables.
     engines = [name for name in dict.fromkeys(row["engine"] for row in rows) if name not in _NOT_DRAWN]
-    with style():
-        figure = new_figure(DOUBLE_COLUMN, DOUBLE_COLUMN / 2.6)
-        looks = appearances(name for name in engines if name != _ORACLE)
-        looks[_ORACLE] = appearances(["truth"])["truth"]
-        panels = figure.subplots(1, len(robots), sharey=True, squeeze=False)[0]
+    with figures.style():
+        looks = figures.looks(name for name in engines if name != _ORACLE)
+        looks[_ORACLE] = figures.looks(["truth"])["truth"]
+        figure, grid = figures.panels(1, len(robots), height=2.7, sharey=True)
+        panels = grid[0]
         for axes, robot in zip(panels, robots, strict=True):
             for engine in engines:
                 points = [row for row in rows if row["robot"] == robot and row["engine"] == engine]
@@ -159,4 +159,4 @@ def _plot(result: Mapping[str, Any], folder: Path) -> None:
             axes.set(xscale="log", yscale="log", xlabel="batch", title=robot)
         panels[0].set_ylabel("postures a second")
         panels[-1].legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
-        save(figure, folder, "speed")
+        figures.save(figure, folder, "speed")

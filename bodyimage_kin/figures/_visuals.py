@@ -1,0 +1,124 @@
+"""The visuals of a URDF robot as triangles, placed by the robot's joints."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int
+
+from bodyimage_kin.backends import kinematics
+from bodyimage_kin.errors import UnknownName
+from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.geometry import Capsule, Cylinder, Shape, Sphere, Visual
+from bodyimage_kin.robot.meshes import triangulate
+
+PLAIN = (0.82, 0.80, 0.77, 1.0)
+"""Colour (RGBA) of a visual that has none."""
+
+
+class Surface(NamedTuple):
+    """Triangles of a robot in its root's coordinates.
+
+    Attributes:
+        corners: [m], counterclockwise seen from outside.
+        normals: Outward unit normals of the shape at the corners (of a sphere, not of the facets that stand for it).
+        colours: RGBA of each triangle, 0 to 1.
+        links: Index of each triangle's link in ``link_names``.
+        link_names: Every link of the robot, in the file's order.
+    """
+
+    corners: Float[np.ndarray, "triangles 3 3"]
+    normals: Float[np.ndarray, "triangles 3 3"]
+    colours: Float[np.ndarray, "triangles 4"]
+    links: Int[np.ndarray, "triangles"]
+    link_names: tuple[str, ...]
+
+
+def triangles(
+    robot: Robot,
+    posture: Mapping[str, Any],
+    *,
+    links: Iterable[str] | None = None,
+    mesh_folder: str | os.PathLike[str] | None = None,
+) -> Surface:
+    """The visuals of a robot at a posture.
+
+    Args:
+        robot: Whose visuals.
+        posture: Joint values by name [rad or m]; the others are 0, mimic joints follow.
+        links: The links to draw; None for all.
+        mesh_folder: Where meshes may be read, subfolders included; default: the folder of the URDF file.
+
+    Returns:
+        The triangles in the root, coloured as the materials say. A visual that cannot be read is left out, as
+        ``robot.notes`` says.
+
+    Raises:
+        UnknownName: A joint or link that the robot does not have.
+        InvalidPosture: A joint value that is not finite.
+        InvalidGeometry: A mesh that is missing or outside ``mesh_folder``.
+    """
+    wanted = set(robot.link_names if links is None else links)
+    for name in sorted(wanted.difference(robot.link_names)):
+        raise UnknownName("link", name, robot.link_names)
+    poses = link_poses(robot, posture)
+    folder = None if mesh_folder is None else Path(mesh_folder)
+    corners, normals, colours = [np.empty((0, 3, 3))], [np.empty((0, 3, 3))], [np.empty((0, 4))]
+    owners = [np.empty(0, dtype=np.int64)]
+    for index, name in enumerate(robot.link_names):
+        for visual in robot.geometry[name].visuals if name in wanted else ():
+            mesh = triangulate(visual.shape, name, robot.file, folder)
+            root_T_visual = poses[name] @ visual.origin
+            corners.append(np.asarray(mesh.triangles) @ root_T_visual[:3, :3].T + root_T_visual[:3, 3])
+            normals.append(_normals(visual.shape, mesh) @ root_T_visual[:3, :3].T)
+            colours.append(_colours(visual, mesh))
+            owners.append(np.full(len(mesh.faces), index))
+    return Surface(
+        np.concatenate(corners),
+        np.concatenate(normals),
+        np.concatenate(colours),
+        np.concatenate(owners),
+        robot.link_names,
+    )
+
+
+def link_poses(robot: Robot, posture: Mapping[str, Any]) -> dict[str, Float[np.ndarray, "4 4"]]:
+    """``root_T_link`` of every link at a posture given by joint names (the others at 0).
+
+    Raises:
+        UnknownName: A joint that the robot does not have, or that follows another.
+        InvalidPosture: A value that is not finite.
+    """
+    q = robot.posture(posture, base=np.zeros(robot.n))
+    # Nothing is to be compiled for a picture.
+    kin = kinematics(robot, "torch")
+    return {link: kin.pose(q, link).numpy() for link in robot.link_names}
+
+
+def _normals(shape: Shape, mesh: trimesh.Trimesh) -> Float[np.ndarray, "triangles 3 3"]:
+    corners = np.asarray(mesh.triangles)
+    if isinstance(shape, Sphere):
+        return corners / shape.radius
+    if isinstance(shape, Capsule):
+        axis = np.clip(corners[..., 2:], -shape.length / 2, shape.length / 2) * [0.0, 0.0, 1.0]
+        return (corners - axis) / np.linalg.norm(corners - axis, axis=-1, keepdims=True)
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = np.repeat(flat[:, None], 3, axis=1) / np.linalg.norm(flat, axis=1).clip(1e-300)[:, None, None]
+    if isinstance(shape, Cylinder):
+        around = corners * [1, 1, 0] / shape.radius
+        return np.where(np.abs(flat[..., 2:]) > 0.5, flat, around)
+    return flat
+
+
+def _colours(visual: Visual, mesh: trimesh.Trimesh) -> Float[np.ndarray, "triangles 4"]:
+    if visual.colour is not None:
+        return np.tile(visual.colour, (len(mesh.faces), 1))
+    painted: Any = mesh.visual
+    if painted.kind in ("face", "vertex"):
+        return np.asarray(painted.face_colors, dtype=np.float64) / 255
+    return np.tile(PLAIN, (len(mesh.faces), 1))

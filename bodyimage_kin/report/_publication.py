@@ -1,0 +1,203 @@
+"""A study as a published comparison: numbers, a table and a figure, small enough to be kept beside its config."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from bodyimage_kin import figures
+from bodyimage_kin._files import write_text
+from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
+from bodyimage_kin.report._page import labels_of
+from bodyimage_kin.report._results import HEADLINE, learned, names_of, probe_of_use, ranking
+from bodyimage_kin.study import summary
+from bodyimage_kin.study.results import MISSING
+from bodyimage_kin.study.scores import PARTS
+
+_OTHERS = (
+    "relative_error", "scale_free_error", "displacement_error", "trajectory_rmse", "touch_trajectory_rmse", "map_error",
+    "map_topological_error", "fit_seconds",
+)  # fmt: skip
+_COLUMNS = {
+    "displacement_error": ("tour", 1.0, "relative error of displacements on the tour of the face"),
+    "touch_trajectory_rmse": ("path [mm]", 1e3, "RMS error of the path integrated while touching"),
+    "map_error": ("map", 1.0, "RMS distance from the map of direct sight, over that map's extent"),
+    "map_topological_error": ("order", 1.0, "taxels out of order, of 440"),
+    "fit_seconds": ("fit [s]", 1.0, "time to fit a recording"),
+}
+"""Score -> head of its column, factor, and what it is."""
+
+
+def write(results: xr.Dataset, folder: Path, baseline: str | None, labels: Mapping[str, str] | None) -> Path:
+    """See :func:`bodyimage_kin.report.publish`."""
+    if HEADLINE not in results:
+        raise InvalidConfig(f"these results have no '{HEADLINE}', which a comparison is about; give a study's results")
+    names = names_of(results, "estimator")
+    if baseline is not None and baseline not in names:
+        raise UnknownName("estimator in the results", baseline, names)
+    if missing := int((results["failure"] == MISSING).sum()):
+        raise InvalidConfig(
+            f"{missing} of {results['failure'].size} fits are {MISSING}; run the study to its end first"
+        )
+    means = {score: summary.summarise(results, score) for score in (HEADLINE, *_OTHERS) if score in results}
+    with figures.labelled(labels_of(results, labels)):
+        numbers = _numbers(results, means, baseline or next(iter(learned(results)), names[0]))
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            raise OutputRefused(f"cannot write to '{folder}': {problem.strerror}; name another folder") from None
+        write_text(folder / "results.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
+        write_text(folder / "table.md", _table(numbers))
+        with figures.style():
+            figures.save(ranking(results, means[HEADLINE], columns=3), folder, "errors")
+    return folder / "table.md"
+
+
+def _numbers(results: xr.Dataset, means: Mapping[str, xr.Dataset], baseline: str) -> dict[str, Any]:
+    """Everything that table and figure say, ready for JSON: numbers to four digits, none as None."""
+    probes, last = names_of(results, "probe"), probe_of_use(results)
+    found: dict[str, Any] = {
+        "baseline": baseline,
+        "seeds": results.sizes["seed"],
+        "probes": probes,
+        "compared_at": last,
+        "versions": json.loads(results.attrs.get("versions", "{}")),
+        "urdf_sha256": json.loads(results.attrs.get("urdf_sha256", "{}")),
+        "failures": summary.failures(results),
+        "scores": {},
+    }
+    parts = results["attribution"].mean("seed") if "attribution" in results else None
+    for embodiment in results["embodiment"].values:
+        ratios = _ratios(results.sel(embodiment=[embodiment], probe=last), baseline)
+        for recording in results["recording"].values:
+            rows = {}
+            for estimator in results["estimator"].values:
+                at = {"embodiment": embodiment, "recording": recording, "estimator": estimator}
+                row: dict[str, Any] = {score: _mean(mean.sel(at)) for score, mean in means.items()}
+                row["median"] = _digits(results[HEADLINE].sel(at).sel(probe=last).median("seed"))
+                if parts is not None:
+                    there = parts.sel(at)
+                    row["attribution"] = {
+                        str(probe): {part: _digits(there.sel(probe=probe, part=part)) for part in PARTS}
+                        for probe in there["probe"].values
+                    }
+                if ratios is not None and str(estimator) in ratios["estimator"].values:
+                    ratio = ratios.sel(recording=recording, estimator=estimator)
+                    row["ratio"] = {str(key): _digits(ratio[key]) for key in ratio.data_vars}
+                rows[str(estimator)] = row
+            found["scores"][_place(results, str(embodiment), str(recording))] = rows
+    return found
+
+
+def _place(results: xr.Dataset, embodiment: str, recording: str) -> str:
+    return recording if results.sizes["embodiment"] == 1 else f"{embodiment}, {recording}"
+
+
+def _ratios(results: xr.Dataset, baseline: str) -> xr.Dataset | None:
+    """Each estimator over the baseline, of those that are not the truth itself."""
+    names = learned(results)
+    if baseline not in names or len(names) < 2:
+        return None
+    return summary.compare(results.sel(estimator=names), HEADLINE, baseline)
+
+
+def _mean(one: xr.Dataset) -> Any:
+    """Mean and interval; by probe, where there are probes."""
+    if "probe" in one.dims:
+        return {str(probe): _mean(one.sel(probe=probe)) for probe in one["probe"].values}
+    return {name: _digits(one[name]) for name in ("mean", "lower", "upper", "recordings")}
+
+
+def _digits(value: Any) -> float | None:
+    number = float(value)
+    return float(f"{number:.4g}") if math.isfinite(number) else None
+
+
+def _table(numbers: Mapping[str, Any]) -> str:
+    """One table a recording, the smallest error on the face first."""
+    probes, last = numbers["probes"], numbers["compared_at"]
+    rows_of_all = [row for rows in numbers["scores"].values() for row in rows.values()]
+    columns = [score for score in _COLUMNS if any(score in row for row in rows_of_all)]
+    lines = [
+        f"Relative error of the Jacobian in the motion's metric, mean over {numbers['seeds']} recordings with its 95 % "
+        f"interval (BCa bootstrap) {figures.label(last)}, and the median there. *ratio*: geometric mean over that of "
+        f"{figures.label(numbers['baseline'])}, paired by recording; p by flipped signs, after Holm. *scale*, "
+        f"*variation*: these parts of the squared error {figures.label(last)}. (k of n): recordings that did not fail.",
+    ]
+    names = [figures.label(probe) for probe in probes]
+    head = [
+        "estimator",
+        *names,
+        "median",
+        "ratio",
+        "p",
+        "scale",
+        "variation",
+        *(_COLUMNS[score][0] for score in columns),
+    ]
+    for place, rows in numbers["scores"].items():
+        lines += [
+            "",
+            f"### {_plain(figures.label(place))}",
+            "",
+            _line(head),
+            _line(["---"] + ["---:"] * (len(head) - 1)),
+        ]
+        for name, row in sorted(rows.items(), key=lambda item: _sortable(item[1][HEADLINE][last]["mean"])):
+            done = row[HEADLINE][last]["recordings"]
+            some = f" ({done:.0f} of {numbers['seeds']})" if done < numbers["seeds"] else ""
+            lines.append(_line([figures.label(name) + some, *_cells(row, probes, last, columns)]))
+    lines += ["", "; ".join(f"*{_COLUMNS[score][0]}*: {_COLUMNS[score][2]}" for score in columns) + "."]
+    said = ", ".join(f"{name} {version}" for name, version in numbers["versions"].items())
+    return "\n".join([*lines, "", f"Versions: {said}.", ""])
+
+
+def _cells(row: Mapping[str, Any], probes: list[str], last: str, columns: list[str]) -> list[str]:
+    errors = row[HEADLINE]
+    ratio = row.get("ratio")
+    parts = row.get("attribution", {}).get(last, {})
+    return [
+        *(_number(errors[probe]["mean"]) + (_interval(errors[probe]) if probe == last else "") for probe in probes),
+        _number(row["median"]),
+        _number(ratio["ratio"]) + _interval(ratio) if ratio else "",
+        _p(ratio["p_holm"]) if ratio else "",
+        _number(parts.get("scale")),
+        _number(parts.get("variation")),
+        *(_number(row.get(score, {}).get("mean"), _COLUMNS[score][1]) for score in columns),
+    ]
+
+
+def _p(value: float | None) -> str:
+    return "< .001" if value is not None and value < 1e-3 else _number(value)
+
+
+def _sortable(value: float | None) -> float:
+    return np.inf if value is None else value
+
+
+def _number(value: float | None, factor: float = 1.0) -> str:
+    if value is None:
+        return "–"  # noqa: RUF001
+    value *= factor
+    return f"{value:.3f}" if 5e-4 <= abs(value) < 100 or value == 0 else f"{value:.1e}"
+
+
+def _interval(one: Mapping[str, Any]) -> str:
+    lower, upper = one["lower"], one["upper"]
+    return "" if lower is None or upper is None else f" [{_number(lower)}, {_number(upper)}]"
+
+
+def _line(cells: list[str]) -> str:
+    return f"| {' | '.join(_plain(cell) for cell in cells)} |"
+
+
+def _plain(name: str) -> str:
+    """A user's name in Markdown: neither a column of its own nor HTML."""
+    escaped = name.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|")
+    return " ".join(escaped.split())

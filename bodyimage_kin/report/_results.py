@@ -1,0 +1,77 @@
+"""What pages read from a study's results: names, the probe of use, who is the truth itself, means with intervals."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from bodyimage_kin import figures
+from bodyimage_kin.study import summary
+
+HEADLINE = "relative_error_use"
+"""The score by which estimators are ranked and compared."""
+Interval: TypeAlias = tuple[float, float, float]
+"""Mean, lower and upper end."""
+
+
+def names_of(results: xr.Dataset | xr.DataArray, dimension: str) -> list[str]:
+    """The names along a dimension; none where it is missing."""
+    return [str(name) for name in results[dimension].values] if dimension in results.dims else []
+
+
+def probe_of_use(results: xr.Dataset) -> str:
+    """Where a learned Jacobian is used: on the face, or else at the last probe."""
+    probes = names_of(results, "probe")
+    return "on_face" if "on_face" in probes or not probes else probes[-1]
+
+
+def place_of(results: xr.Dataset, embodiment: str, recording: str) -> str:
+    """What a reader calls an embodiment's recording, the embodiment only where there are several."""
+    said = figures.label(recording)
+    return said if results.sizes["embodiment"] == 1 else f"{figures.label(embodiment)}, {said}"
+
+
+def learned(results: xr.Dataset) -> list[str]:
+    """Estimators that are not the truth itself."""
+    exact = summary.exact(results, HEADLINE) if HEADLINE in results else []
+    return [name for name in names_of(results, "estimator") if name not in exact]
+
+
+def errs(values: xr.DataArray, name: str) -> bool:
+    """Whether an estimator has this score and is not the truth itself."""
+    of = values.sel(estimator=name).values
+    return bool(np.isfinite(of).any() and np.nanmax(of) > summary.EXACT)
+
+
+def intervals_of(means: xr.Dataset) -> list[Interval]:
+    """Along the one dimension that is left, or of the one value."""
+    stacked = np.stack([np.atleast_1d(means[part].values) for part in ("mean", "lower", "upper")], axis=-1)
+    return [(float(a), float(b), float(c)) for a, b, c in stacked]
+
+
+def ranking(results: xr.Dataset, means: xr.Dataset, columns: int) -> Figure:
+    """Estimators ranked by their error where they are used, a panel for each embodiment and recording of ``means``.
+
+    Args:
+        results: Of a study.
+        means: Of :data:`HEADLINE`, with its intervals; of all embodiments or of some.
+        columns: Panels in a row at the most.
+    """
+    places = [(e, r) for e in names_of(means, "embodiment") for r in names_of(means, "recording")]
+    columns = min(columns, len(places))
+    rows = math.ceil(len(places) / columns)
+    height = 0.5 + rows * (0.6 + 0.16 * means.sizes["estimator"])
+    figure, grid = figures.panels(rows, columns, height=height, sharex=True)
+    for axes, (embodiment, recording) in zip(grid.flat, places, strict=False):
+        one = means.sel(embodiment=embodiment, recording=recording)
+        figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel="relative error of the Jacobian")
+        axes.set_title(figures.drawn(place_of(results, embodiment, recording)))
+        axes.tick_params(labelbottom=True)
+    for axes in grid.flat[len(places) :]:
+        axes.remove()
+    figures.legend(figure)
+    return figure

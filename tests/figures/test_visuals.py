@@ -1,0 +1,129 @@
+"""Triangles stand where the joints put them, and no file outside the folder is read."""
+
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+from bodyimage_kin.errors import InvalidGeometry, InvalidPosture, UnknownName
+from bodyimage_kin.figures import _visuals as visuals
+from bodyimage_kin.robot import Robot
+
+BOX = """<robot name="arm">
+  <material name="blue"><color rgba="0.1 0.2 0.9 1"/></material>
+  <link name="base"/>
+  <link name="arm"><visual><origin xyz="0.1 0 0.02" rpy="0.3 -0.2 1.1"/><geometry><box size="0.2 0.04 0.06"/></geometry>
+    <material name="blue"/></visual></link>
+  <link name="slide"><visual><geometry><sphere radius="0.03"/></geometry></visual></link>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.5" rpy="0 0 0.4"/>
+    <axis xyz="0 1 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="follow" type="prismatic"><parent link="arm"/><child link="slide"/><axis xyz="2 0 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/><mimic joint="turn" multiplier="0.5" offset="0.1"/></joint>
+</robot>"""
+MESH = """<robot name="m"><link name="base"><visual>
+  <geometry><mesh filename="{}" scale="0.5 1 2"/></geometry></visual></link></robot>"""
+
+
+def triangles(urdf, posture, **options):
+    return visuals.triangles(Robot.from_urdf(urdf), posture, **options)
+
+
+def rotation(axis, angle):
+    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+def rpy(roll, pitch, yaw):
+    return rotation([0, 0, 1], yaw) @ rotation([0, 1, 0], pitch) @ rotation([1, 0, 0], roll)
+
+
+def test_box_stands_where_the_joint_puts_it():
+    surface = triangles(BOX, {"turn": 0.7}, links=["arm"])
+    corners = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.02, 0.02) for z in (-0.03, 0.03)])
+    in_link = corners @ rpy(0.3, -0.2, 1.1).T + [0.1, 0, 0.02]
+    expected = in_link @ (rpy(0, 0, 0.4) @ rotation([0, 1, 1], 0.7)).T + [0, 0, 0.5]
+    distances = np.linalg.norm(surface.corners.reshape(-1, 1, 3) - expected, axis=2)
+    assert surface.corners.shape == (12, 3, 3)
+    np.testing.assert_allclose(distances.min(1), 0, atol=1e-12)
+    np.testing.assert_allclose(distances.min(0), 0, atol=1e-12)
+    np.testing.assert_allclose(surface.colours, np.tile([0.1, 0.2, 0.9, 1], (12, 1)), atol=1e-12)
+    volume = (
+        np.einsum("ij,ij->i", surface.corners[:, 0], np.cross(surface.corners[:, 1], surface.corners[:, 2])).sum() / 6
+    )
+    np.testing.assert_allclose(volume, 0.2 * 0.04 * 0.06, rtol=1e-12, err_msg="counterclockwise from outside")
+
+
+def test_mimic_joint_follows_along_its_normalised_axis():
+    surface = triangles(BOX, {"turn": 0.7}, links=["slide"])
+    middle = (surface.corners.reshape(-1, 3).max(0) + surface.corners.reshape(-1, 3).min(0)) / 2
+    expected = rpy(0, 0, 0.4) @ rotation([0, 1, 1], 0.7) @ [0.5 * 0.7 + 0.1, 0, 0] + [0, 0, 0.5]
+    np.testing.assert_allclose(middle, expected, atol=1e-4)
+    assert {surface.link_names[index] for index in surface.links} == {"slide"}
+
+
+def test_meshes_are_read_scaled_and_only_from_their_folder(tmp_path):
+    folder = tmp_path / "robot"
+    (folder / "pkg").mkdir(parents=True)
+    cube = trimesh.creation.box(extents=[1, 1, 1])
+    for place in (folder / "pkg", tmp_path):
+        cube.export(place / "cube.stl")
+    urdf = folder / "robot.urdf"
+    for name in ("pkg/cube.stl", "package://pkg/cube.stl"):
+        urdf.write_text(MESH.format(name))
+        assert np.ptp(triangles(urdf, {}).corners, axis=(0, 1)) == pytest.approx([0.5, 1, 2])
+    (folder / "link.stl").symlink_to(tmp_path / "cube.stl")
+    (folder / "note.txt").write_text("x")
+    (folder / "broken.stl").write_bytes(b"")
+    for name, reason in {
+        "../cube.stl": "outside",
+        str(tmp_path / "cube.stl"): "outside",
+        f"file://{tmp_path}/cube.stl": "outside",
+        "link.stl": "outside",
+        "missing.stl": "is not in",
+        "http://example.org/cube.stl": "is not in",
+        "note.txt": "none of",
+        "broken.stl": "cannot be read",
+    }.items():
+        urdf.write_text(MESH.format(name))
+        with pytest.raises(InvalidGeometry, match=reason):
+            triangles(urdf, {})
+    urdf.write_text(MESH.format("../cube.stl"))
+    assert len(triangles(urdf, {}, mesh_folder=tmp_path).corners) == 12
+    with pytest.raises(InvalidGeometry, match="mesh_folder"):
+        triangles(MESH.format("cube.stl"), {})
+
+
+def test_errors_name_what_is_wrong():
+    with pytest.raises(UnknownName, match="trun"):
+        triangles(BOX, {"trun": 0.1})
+    with pytest.raises(UnknownName, match="follow"):
+        triangles(BOX, {"follow": 0.1})
+    with pytest.raises(InvalidPosture, match="finite"):
+        triangles(BOX, {"turn": float("nan")})
+    with pytest.raises(UnknownName, match="ram"):
+        triangles(BOX, {}, links=["ram"])
+
+
+def test_normals_are_those_of_the_shape():
+    surface = triangles(BOX, {"turn": 0.7})
+    np.testing.assert_allclose(np.linalg.norm(surface.normals, axis=-1), 1, atol=1e-12)
+    flat = np.cross(surface.corners[:, 1] - surface.corners[:, 0], surface.corners[:, 2] - surface.corners[:, 0])
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    box, ball = surface.links == 1, surface.links == 2
+    np.testing.assert_allclose(surface.normals[box], np.repeat(flat[box, None], 3, 1), atol=1e-12)
+    assert (np.einsum("tci,ti->tc", surface.normals[ball], flat[ball]) > 0.99).all()
+    tube = '<visual><geometry><cylinder radius="2" length="3"/></geometry></visual>'
+    surface = triangles(f'<robot name="t"><link name="b">{tube}</link></robot>', {})
+    cap = (np.abs(surface.normals[..., 2]) > 0.5).all(1)
+    np.testing.assert_allclose(np.abs(surface.normals[cap]), np.tile([0, 0, 1], (cap.sum(), 3, 1)), atol=1e-12)
+    np.testing.assert_allclose(surface.normals[~cap] * 2, surface.corners[~cap] * [1, 1, 0], atol=1e-12)
+
+
+def test_nothing_is_logged_or_warned(caplog):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        triangles(BOX, {})
+    assert not caught
+    assert not caplog.records
