@@ -34,7 +34,7 @@ def grid(
     Args:
         seeds: Recordings of each motion: how many, or which.
         duration: How long the face is touched [s].
-        ambiguities: Names of :data:`bodyimage_kin.published.ambiguities.AMBIGUITIES`.
+        ambiguities: Names of ``AMBIGUITIES``.
 
     Raises:
         InvalidConfig: A setting out of range.

@@ -81,7 +81,7 @@ class Place:
     Attributes:
         embodiment: Its name.
         recording: Likewise.
-        key: Of :data:`ROWS`.
+        key: Of ``ROWS``.
         steps: Of the network.
     """
 
@@ -108,7 +108,7 @@ class Reading:
 
     Attributes:
         name: As tables call it.
-        key: Of :data:`ROWS`.
+        key: Of ``ROWS``.
         change: How the recordings differ from those of the motion; empty: not at all.
         steps: Of the network; None: those of the motion.
         embodiment: Its name in the study.
@@ -133,7 +133,7 @@ class Ambiguity:
     Attributes:
         measures: What its table shows, in this order.
         readings: The first is the library's.
-        motions: Of :data:`STEPS`.
+        motions: Of ``STEPS``.
     """
 
     measures: tuple[str, ...]
