@@ -9,12 +9,11 @@ from __future__ import annotations
 import hashlib
 import html
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import torch
@@ -29,7 +28,8 @@ from bodyimage_kin.robot.reader import read_urdf
 from bodyimage_kin.robot.tree import Joint, KinematicTree, Mimic, welded, write_core
 
 Posture: TypeAlias = "ArrayLike | Mapping[str, float]"
-Source: TypeAlias = "str | bytes | bytearray | memoryview | os.PathLike[str] | IO[str] | IO[bytes]"
+Source: TypeAlias = Any
+"""A path, an open file, or text: str, bytes, bytearray or memoryview; checked at run time by our own errors."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Robot:
         kinds: Sequence[str] | None = None,
         joints: Sequence[str] | None = None,
         links: Sequence[str] | None = None,
-        limits: Sequence[tuple[float, float] | None] | None = None,
+        limits: Sequence[ArrayLike | None] | None = None,
         name: str = "robot",
     ) -> Robot:
         """A serial robot from Denavit and Hartenberg's parameters.
