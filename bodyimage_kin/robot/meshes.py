@@ -24,6 +24,8 @@ from bodyimage_kin.robot.geometry import Box, Capsule, Cylinder, Mesh, Shape, Sp
 if TYPE_CHECKING:
     import trimesh
 
+__all__ = ["MESH_SUFFIXES", "load_mesh", "triangulate"]
+
 MESH_SUFFIXES = frozenset({".stl", ".obj", ".dae", ".ply", ".off", ".glb"})
 """The mesh files that are read."""
 _PACKAGE = re.compile(r"package://([^/]+)/(.+)")
