@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -177,12 +177,42 @@ class Fit:
         )
 
 
+@dataclass(frozen=True)
+class Embodiment:
+    """Say in seconds what cannot work with an embodiment, before anything is computed.
+
+    Exit status 1 when there is an error; notes are no errors.
+    """
+
+    action: Annotated[Literal["check"], tyro.conf.Positional]
+    """check: its file, what its eye sees, what its hand reaches, which meshes are missing."""
+    file: Annotated[str, tyro.conf.Positional]
+    """Name of an embodiment, or path of a TOML file."""
+    paper: bool = False
+    """Hold it to the paper's protocol: the whole circle is seen, and never the hand while it touches."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.body.check import check_embodiment
+        from bodyimage_kin.body.file import load_embodiment
+
+        body = load_embodiment(self.file)
+        found = check_embodiment(body, paper=self.paper)
+        print(body)
+        for finding in found:
+            print(finding)
+        if not found:
+            print("nothing to tell: fit for all")
+        return int(any(finding.level == "error" for finding in found))
+
+
 _COMMANDS: dict[str, Callable[..., Any]] = {
     "reproduce": Reproduce,
     "study": Study,
     "report": Report,
     "fit": Fit,
     "conform": Conform,
+    "embodiment": Embodiment,
 }
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from bodyimage_kin._files import write_text
+from bodyimage_kin.body.check import check_embodiment, refuse_errors
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.published.fuke2007.blindness import DOSES, FALSE_ALARMS, power
 from bodyimage_kin.published.fuke2007.cell import Cell, run_cell
@@ -24,8 +25,13 @@ from bodyimage_kin.recordings.schema import versions
 
 
 def check(settings: Settings) -> None:
-    """Loads the embodiment once: a wrong name or file is told here, and not by every worker."""
-    load_embodiment(settings.embodiment, settings.backend)
+    """Loads the embodiment once: a wrong name or file, or a body unfit for the protocol, is told here.
+
+    Raises:
+        InvalidConfig: The eye sees the hand while it touches, or does not see the circle, or a taxel is out of reach.
+    """
+    body = load_embodiment(settings.embodiment, settings.backend)
+    refuse_errors(body, check_embodiment(body, paper=True))
 
 
 def run(
