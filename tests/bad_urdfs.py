@@ -355,7 +355,7 @@ def _unknown_words() -> list[BadURDF]:
             "loop joint", tip, '<loop_joint name="l"/>', "<loop_joint> in <robot> .* loops are not", "loop_joint 'l'"
         ),
         spoil("nested robot", tip, '<robot name="r"/>', "<robot> in <robot> .* one file is one robot", "robot 'r'"),
-        spoil("group", tip, "<group/>", "<group> in <robot> is not known; groups belong into an SRDF", "group"),
+        spoil("group", tip, "<group/>", "<group> in <robot> is not read; groups belong into an SRDF", "group"),
         spoil("macro call", tip, '<arm_v2 side="left"/>', "<arm_v2> in <robot> .* a macro is expanded", "arm_v2"),
         spoil("misspelt link", tip, '<lnik name="tip"/>', "<lnik> .*; did you mean <link>", "lnik 'tip'"),
         spoil("misspelt gazebo", tip, "<gazbo/>", "<gazbo> in <robot> is not known; did you mean <gazebo>", "gazbo"),
@@ -426,7 +426,7 @@ def _unknown_words() -> list[BadURDF]:
         spoil("mimic of another standard", spin, "<drake:mimic/>", "<drake:mimic> is not <mimic>", SPIN),
     ]
     for tag in ("include", "macro", "property", "if", "unless", "insert_block"):
-        problem = f"<{tag}> in <robot> is not known; expand the file with xacro"
+        problem = f"<{tag}> in <robot> is not read; expand the file with xacro"
         cases.append(spoil(f"<{tag}> without a prefix", '<link name="tip"/>', f"<{tag}/>", problem, tag))
     for address in ("http://www.ros.org/wiki/xacro", "http://wiki.ros.org/xacro/", "http://ros.org/wiki/Xacro#"):
         bound = GOOD.replace(robot, f'<robot name="arm" xmlns:x="{address}">').replace(tip, "<x:arm/>")

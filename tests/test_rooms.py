@@ -251,12 +251,8 @@ def outside() -> dict[str, str]:
 
 OUTSIDE = outside()
 PRIVATE_OUTSIDE = {
-    ("comparisons/ambiguities/run.py", "_files.write_text"),
-    ("comparisons/ambiguities/run.py", "_progress.Report"),
-    ("comparisons/ambiguities/run.py", "_progress.progress"),
     ("comparisons/estimators/run.py", "_files.write_text"),
     ("comparisons/foreknowledge/run.py", "_files.write_text"),
-    ("comparisons/foreknowledge/run.py", "_progress.progress"),
     ("comparisons/speed/bench/engines.py", "backends.torch_backend._LinkChain"),
 }
 """(file, private thing of the package that it uses); may only shrink."""

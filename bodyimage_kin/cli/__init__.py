@@ -5,9 +5,12 @@ Nothing heavy is imported before a command runs, so that ``--help`` answers at o
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -34,26 +37,28 @@ class Reproduce:
     """Name of an embodiment, or path of a TOML file."""
     quick: bool = False
     """A tenth of the touching time, for a first look."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler, tcp://..., instead of a pool of processes."""
+    workers: int | None = None
+    """Number of processes; by default one a core."""
 
     def __call__(self) -> int:
-        """Runs it."""
-        from dataclasses import asdict
-
+        """Runs it; what an interrupted run has computed is not computed again."""
         from bodyimage_kin._files import claim
-        from bodyimage_kin._progress import progress
         from bodyimage_kin.published import fuke2007
         from bodyimage_kin.report.fuke2007 import write_reproduction
 
         begin = time.monotonic()
         seeds = self.seeds if self.seeds is not None else (3 if self.quick else 10)
-        settings = fuke2007.Settings(self.embodiment, seeds, self.quick)
-        # A wrong embodiment is told before any folder is touched.
-        fuke2007.check(settings)
-        folder = claim(self.out, "reproduction", asdict(settings))
-        with progress("motions and seeds") as report:
-            cells = fuke2007.run(settings, folder / "recordings", progress=report)
-        summary = fuke2007.summarise(settings, cells)
-        page = write_reproduction(settings, cells, summary, folder)
+        study = fuke2007.grid(self.embodiment, seeds, quick=self.quick)
+        # A wrong embodiment, or one unfit for the protocol, is told before any folder is touched.
+        study.origin()
+        fuke2007.check(self.embodiment)
+        folder = claim(self.out, "reproduction", {"embodiment": self.embodiment, "seeds": seeds, "quick": self.quick})
+        store = folder / "study"
+        results = study.run(store, self.scheduler, workers=self.workers, progress=True)
+        summary = fuke2007.judge(results)
+        page = write_reproduction(results, summary, store, folder, quick=self.quick)
         fuke2007.write_summary(summary, folder / "summary.json")
         print(f"{page} after {time.monotonic() - begin:.0f} s")
         return 0
@@ -225,10 +230,38 @@ def main(arguments: list[str] | None = None) -> int:
         args=arguments,
     )
     try:
-        return int(command())
+        with _ended_by(signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
+            return int(command())
     except BodyImageKinError as problem:
         print(f"bodyimage-kin: {problem}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as end:
         print("bodyimage-kin: interrupted; what is finished is kept", file=sys.stderr)
-        return 130
+        return 128 + (end.number if isinstance(end, _Ended) else signal.SIGINT)
+
+
+class _Ended(KeyboardInterrupt):
+    """A signal asks for the end, as Ctrl-C does."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+@contextmanager
+def _ended_by(*numbers: int) -> Iterator[None]:
+    """Lets signals end what runs as Ctrl-C does: what it began is ended too; those that are ignored (nohup) stay so."""
+
+    def end(number: int, frame: object) -> None:
+        raise _Ended(number)
+
+    before = {number: signal.getsignal(number) for number in numbers}
+    caught = [number for number, how in before.items() if how is signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        caught = []
+    for number in caught:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in caught:
+            signal.signal(number, before[number])

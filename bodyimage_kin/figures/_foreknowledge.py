@@ -16,7 +16,7 @@ from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.figures._layout import SINGLE_COLUMN, drawing_on
 from bodyimage_kin.figures._marks import DASHED
 from bodyimage_kin.figures.labels import drawn
-from bodyimage_kin.published.foreknowledge.run import TARGET
+from bodyimage_kin.published.foreknowledge import TARGET
 
 _MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "<", ">", "h", "p")
 _COLOURS = "viridis"
@@ -51,11 +51,10 @@ def predicted_errors(
     measured, predicted = np.array(one["measured"], dtype=float), np.array(foretold["predicted"], dtype=float)
     distances = np.array([100 * np.mean(condition["distances"]) for condition in conditions])
     colours = mpl.cm.ScalarMappable(mpl.colors.Normalize(distances.min(), distances.max()), _COLOURS)
-    everything = np.clip(np.concatenate([measured, predicted]), 0.0, 2.0 * float(np.nanmax(measured)))
-    low, high = float(np.nanmin(everything)), float(np.nanmax(everything))
-    margin = 0.06 * (high - low) or 0.1
+    predicted = np.where(predicted > 2.0 * np.nanmax(measured), np.nan, predicted)
+    low, high = (float(end(np.concatenate([measured, predicted]))) for end in (np.nanmin, np.nanmax))
     with drawing_on(ax, height=SINGLE_COLUMN) as axes:
-        axes.axline((0, 0), slope=1, **DASHED)
+        axes.axline((low, low), slope=1, **DASHED)
         for family, marker in zip(families, _MARKERS, strict=False):
             there = np.array([condition["family"] == family for condition in conditions])
             axes.scatter(
@@ -66,7 +65,10 @@ def predicted_errors(
             f"{name} {_said(foretold[key]['estimate'])}" for name, key in (("R²", "r2"), ("slope", "slope"))
         )
         axes.text(0.04, 0.96, said, transform=axes.transAxes, va="top", fontsize=7)
-        axes.set(xlim=(low - margin, high + margin), ylim=(low - margin, high + margin))
+        # Not limits of its own: panels that share their axes show the points of all.
+        axes.update_datalim([(low, low), (high, high)])
+        axes.margins(0.06)
+        axes.autoscale_view()
         axes.set(xlabel="predicted relative error", ylabel="measured relative error", title=drawn(predictor))
         axes.set_box_aspect(1)
         if scale:

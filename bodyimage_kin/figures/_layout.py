@@ -36,7 +36,7 @@ def panels(
     Args:
         rows: Of panels.
         columns: Of panels.
-        width: [inch]; the default is a page's, :data:`SINGLE_COLUMN` that of a column.
+        width: [inch]; the default is that of a page, ``SINGLE_COLUMN`` that of a column.
         height: [inch]
         options: As of ``Figure.subplots``: ``sharex``, ``sharey``, ``width_ratios`` ...
 

@@ -39,7 +39,7 @@ class Shown:
         lower: Of an error bar, along the axis that has it; NaN where there is none.
         upper: Likewise.
         value: Of a coloured cell; NaN elsewhere.
-        box: Half its width and height in data coordinates; None of a point.
+        box: Left, bottom, right and top in data coordinates; None of a point.
     """
 
     axes: Axes

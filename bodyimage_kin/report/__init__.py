@@ -32,7 +32,7 @@ def write(
         atlas: Name of the estimator whose errors are drawn over the face, where scores of each posture were kept; None:
             the one with the smallest error.
         labels: What a reader calls estimators, recordings ... by name; before those of the study's config, and of
-            :mod:`bodyimage_kin.figures.labels`.
+            ``bodyimage_kin.figures.labels``.
 
     Returns:
         The page's path.

@@ -41,6 +41,15 @@ def learned(results: xr.Dataset) -> list[str]:
     return [name for name in names_of(results, "estimator") if name not in exact]
 
 
+def title_of(results: xr.Dataset, score: str) -> str:
+    """What a score is, with its unit."""
+    about = results[score].attrs
+    unit = about.get("units", "1")
+    said = about.get("long_name") or figures.label(score)
+    said += f" [{unit}]" if unit not in ("1", "") else ""
+    return f"{said} (each axis)" if "axis" in results[score].dims else str(said)
+
+
 def errs(values: xr.DataArray, name: str) -> bool:
     """Whether an estimator has this score and is not the truth itself."""
     of = values.sel(estimator=name).values

@@ -15,12 +15,20 @@ from matplotlib.figure import Figure
 
 from bodyimage_kin import figures
 from bodyimage_kin.report._page import Picture
-from bodyimage_kin.report._results import HEADLINE, Interval, intervals_of, learned, names_of, place_of, probe_of_use
+from bodyimage_kin.report._results import (
+    HEADLINE,
+    Interval,
+    intervals_of,
+    learned,
+    names_of,
+    place_of,
+    probe_of_use,
+    title_of,
+)
 from bodyimage_kin.study import summary
-from bodyimage_kin.study.scores import SCORES
 
 JACOBIAN, PATH, MAP = HEADLINE, "touch_trajectory_rmse", "map_error"
-_OF_MAPS = (
+OF_MAPS = (
     PATH,
     MAP,
     "posture_map_error",
@@ -63,7 +71,7 @@ def section(results: xr.Dataset) -> dict[str, Any] | None:
         "left_out": [figures.label(name) for name in left_out],
         "probe": probe_of_use(results),
         "flattery": _flattery(results),
-        "scores": SCORES,
+        "titles": {score: title_of(results, score) for score in (*OF_MAPS, JACOBIAN) if score in results},
         "first_maps": _first_maps(results),
     }
 
@@ -120,7 +128,7 @@ def _first_maps(results: xr.Dataset) -> int:
 
 def _tables(results: xr.Dataset) -> list[dict[str, Any]]:
     """For each embodiment and recording: means of the scores of maps, and those of direct sight."""
-    means = {score: summary.summarise(results, score) for score in _OF_MAPS if score in results}
+    means = {score: summary.summarise(results, score) for score in OF_MAPS if score in results}
     found = []
     for embodiment in names_of(results, "embodiment"):
         for recording in names_of(results, "recording"):

@@ -28,6 +28,7 @@ from bodyimage_kin.report._results import (
     place_of,
     probe_of_use,
     ranking,
+    title_of,
 )
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.scores import PARTS, SCORES
@@ -35,8 +36,6 @@ from bodyimage_kin.study.statistics import PUBLISHED
 
 _TOGETHER = 6
 """Estimators that one panel can tell apart."""
-_BY_PROBE = ("relative_error", "scale_free_error")
-_ON_TOUR = ("displacement_error", "trajectory_rmse", "velocity_correlation", "velocity_nrmse", "fit_seconds")
 _ATLAS = {
     "relative_error_by_posture": ("relative error", None),
     "scale_by_posture": ("scale", None),
@@ -61,8 +60,8 @@ def write(
     for name in (baseline, atlas):
         if name is not None and name not in estimators:
             raise UnknownName("estimator in the results", name, estimators)
-    asked = (HEADLINE, *_BY_PROBE, *_ON_TOUR)
-    means = {score: summary.summarise(results, score) for score in asked if score in results}
+    results = _computed(results)
+    means = {score: summary.summarise(results, score) for score in _scores(results)}
     with figures.labelled(labels_of(results, labels)):
         comparison = _comparison(results, baseline)
         write_page(
@@ -73,6 +72,7 @@ def write(
             tables=_tables(results, means, comparison),
             comparison=comparison,
             failures=summary.failures(results),
+            left_out=_left_out(results),
             pictures=_drawn(_pictures(results, means, atlas)),
             excitation=_excitation(results),
             maps=_study_maps.section(results),
@@ -85,6 +85,31 @@ def write(
             oracle=float(results["max_oracle_difference"].max()) if "max_oracle_difference" in results else math.nan,
         )
     return path
+
+
+def _computed(results: xr.Dataset) -> xr.Dataset:
+    """Without the scores that were asked for, but of which nothing could be computed."""
+    nothing = [name for name, one in results.data_vars.items() if one.dtype.kind == "f" and not one.notnull().any()]
+    return results.drop_vars(nothing)
+
+
+def _scores(results: xr.Dataset) -> list[str]:
+    """Names of the scores that tables hold, a user's own too: one number an estimator, or one a probe or image axis."""
+    cell = {"embodiment", "recording", "estimator", "seed"}
+    return [
+        str(name)
+        for name, one in results.data_vars.items()
+        if cell <= set(one.dims)
+        and set(one.dims) - cell in (set(), {"probe"}, {"axis"})
+        and one.dtype.kind == "f"
+        and name not in _study_maps.OF_MAPS
+    ]
+
+
+def _left_out(results: xr.Dataset) -> list[tuple[str, str, int]]:
+    """What could not be computed, why, and for how many estimators and recordings."""
+    found = json.loads(results.attrs.get("left_out", "{}"))
+    return [(score, why, len(places)) for score, of in found.items() for why, places in of.items()]
 
 
 def told_apart(results: xr.Dataset, means: Mapping[str, xr.Dataset]) -> list[str]:
@@ -137,19 +162,15 @@ def _tables(
                     "probes": names_of(results, "probe"),
                     "ranked": ranked,
                     "ratios": comparison["ratios"].get(recording, {}) if comparison else {},
-                    "others": [
-                        {
-                            "title": SCORES[score].long_name,
-                            "probes": names_of(results, "probe"),
-                            "rows": _rows(means[score].sel(at), order),
-                        }
-                        for score in _BY_PROBE
-                        if score in means
+                    "by_probe": [
+                        (title_of(results, score), _rows(one.sel(at), order))
+                        for score, one in means.items()
+                        if "probe" in one.dims and score != HEADLINE
                     ],
-                    "tour": [
-                        (SCORES[score], dict(_rows(means[score].sel(at), order)))
-                        for score in _ON_TOUR
-                        if score in means
+                    "alone": [
+                        (title_of(results, score), dict(_rows(one.sel(at), order)))
+                        for score, one in means.items()
+                        if "probe" not in one.dims
                     ],
                     "order": order,
                 }

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
-from statistics import fmean as mean
 from typing import Any
 
 import numpy as np
+import xarray as xr
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -18,9 +21,11 @@ from bodyimage_kin import figures
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.published import fuke2007
-from bodyimage_kin.published.fuke2007 import CONDITIONS, DIRECT, PARTS, PROBES, Cell, Settings
+from bodyimage_kin.published.fuke2007 import CONDITIONS, DIRECT, PROBES, Conditions
 from bodyimage_kin.report._limbs import limbs
 from bodyimage_kin.report._page import Picture, inlined, write_page
+from bodyimage_kin.study import recording_of
+from bodyimage_kin.study.maps import true_map
 
 __all__ = ["write_reproduction"]
 
@@ -43,57 +48,113 @@ _DOSES = {
 }
 
 
-def write_reproduction(settings: Settings, cells: Sequence[Cell], summary: Mapping[str, Any], folder: Path) -> Path:
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """The results of the experiment, and where its recordings are.
+
+    Attributes:
+        results: Of the study.
+        store: Its folder.
+        body: The embodiment.
+    """
+
+    results: xr.Dataset
+    store: Path
+    body: Embodiment
+
+    @cached_property
+    def found(self) -> Conditions:
+        """Results by condition."""
+        return Conditions(self.results)
+
+    @cached_property
+    def steps(self) -> list[int]:
+        """Of the snapshots of the maps."""
+        return [int(step) for step in json.loads(self.results.attrs["config"])["maps"]["snapshots"]]
+
+    def first(self, condition: str, estimator: str, score: str) -> Float[np.ndarray, "..."]:
+        """A score of the first recording."""
+        return self.found.score(condition, estimator, score)[0]
+
+    def recording(self, condition: str, role: str) -> xr.Dataset:
+        """The first recording of a condition."""
+        recording = next(one.recording for one in CONDITIONS if one.name == condition)
+        return recording_of(self.store, recording, self.found.seeds[0], role)
+
+    def tour(self, condition: str) -> tuple[Float[np.ndarray, "time"], Float[np.ndarray, "time m"]]:
+        """Time [s] and true hand image of the tour, in the camera's unit."""
+        tour = self.recording(condition, "tour")
+        return tour["time"].values, tour["true_hand_image"].values[0]
+
+    def tour_path(self, condition: str, estimator: str, count: int) -> Float[np.ndarray, "time m"]:
+        """The integrated tour, of so many samples."""
+        return self.first(condition, estimator, "tour_path")[:count]
+
+    def postures(self, condition: str) -> Float[np.ndarray, "rows columns p"]:
+        """Representative postures of the posture map."""
+        recording = next(one.recording for one in CONDITIONS if one.name == condition)
+        return self.found.fact(recording, "posture_units")[0]
+
+
+def write_reproduction(
+    results: xr.Dataset, summary: Mapping[str, Any], store: Path, folder: Path, *, quick: bool = False
+) -> Path:
     """Writes all figures (SVG, PNG and CSV) and ``report.html`` into a folder.
 
     Args:
-        settings: Of the run.
-        cells: What :func:`bodyimage_kin.published.fuke2007.run` gave.
-        summary: The same in numbers.
+        results: Of the study that :func:`bodyimage_kin.published.fuke2007.grid` gives.
+        summary: What :func:`bodyimage_kin.published.fuke2007.judge` says of them.
+        store: Folder of the study.
         folder: Figures go to ``folder/figures``.
+        quick: Whether the face was touched for a tenth of the time.
 
     Returns:
         The page.
     """
-    body = load_embodiment(settings.embodiment, settings.backend)
-    groups = fuke2007.by_condition(cells)
+    run = _Run(results, store, _body(results))
     with figures.labelled(_LABELS):
-        files = _draw_all(settings, cells, folder / "figures")
+        files = _draw_all(run, folder / "figures")
         pictures = [
             inlined(picture, files[picture.name][0].read_text("utf-8"), _text(files[picture.name][2:]), index)
-            for index, picture in enumerate(_pictures(body, groups))
+            for index, picture in enumerate(_pictures(run))
         ]
         write_page(
             folder / "report.html",
             "fuke2007.html",
             pictures=pictures,
-            sentences=_sentences(body, groups, summary),
+            sentences=_sentences(run, summary),
             summary=summary,
-            table_1=_table_1(body),
-            limbs=limbs(body.robot),
-            body=body,
-            settings=settings,
+            table_1=_table_1(run.body),
+            limbs=limbs(run.body.robot),
+            body=run.body,
+            quick=quick,
             conditions=CONDITIONS,
             probes=PROBES,
             direct=DIRECT,
-            chance=fuke2007.permuted_error(cells),
-            steps=[int(step) for step in groups[_PAPER[-1]][0].mapped[DIRECT].steps],
+            chance=summary["blindness"]["permuted_topological_error"],
+            steps=run.steps,
         )
     return folder / "report.html"
 
 
-def _draw_all(settings: Settings, cells: Sequence[Cell], folder: Path) -> dict[str, tuple[Path, ...]]:
+def _body(results: xr.Dataset) -> Embodiment:
+    config = json.loads(results.attrs["config"])
+    (table,) = config["embodiments"].values()
+    return load_embodiment(table["embodiment"], table.get("backend"))
+
+
+def _draw_all(run: _Run, folder: Path) -> dict[str, tuple[Path, ...]]:
     """Draws and saves every figure, in this process and another: one begins at the first, the other at the last.
 
     Returns:
         Name -> files, SVG first.
     """
     saved: dict[str, tuple[Path, ...]] = {}
-    body = load_embodiment(settings.embodiment, settings.backend)
-    pictures = _pictures(body, fuke2007.by_condition(cells))
+    pictures = _pictures(run)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as executor:
         theirs = {
-            picture.name: executor.submit(_draw, settings, cells, folder, picture.name) for picture in pictures[::-1]
+            picture.name: executor.submit(_draw, run.results, run.store, folder, picture.name)
+            for picture in pictures[::-1]
         }
         for picture in pictures:
             # What the other has not begun is drawn here.
@@ -102,11 +163,10 @@ def _draw_all(settings: Settings, cells: Sequence[Cell], folder: Path) -> dict[s
         return saved | {name: future.result() for name, future in theirs.items() if not future.cancelled()}
 
 
-def _draw(settings: Settings, cells: Sequence[Cell], folder: Path, name: str) -> tuple[Path, ...]:
-    body = load_embodiment(settings.embodiment, settings.backend)
+def _draw(results: xr.Dataset, store: Path, folder: Path, name: str) -> tuple[Path, ...]:
+    run = _Run(results, store, _body(results))
     with figures.labelled(_LABELS):
-        picture = next(one for one in _pictures(body, fuke2007.by_condition(cells)) if one.name == name)
-        return _save(picture, folder)
+        return _save(next(one for one in _pictures(run) if one.name == name), folder)
 
 
 def _save(picture: Picture, folder: Path) -> tuple[Path, ...]:
@@ -126,14 +186,14 @@ def _table_1(body: Embodiment) -> list[tuple[str, str, str]]:
         ("distance h_z of the virtual screen (Fig. 6)", "0.04 m", f"{body.camera.screen.distance:g} m"),
     ]
     for condition, said, steps in ((quiet, "without noise", "200"), (noisy, "with noise", "500")):
-        network = condition.network
+        network = fuke2007.network(condition.steps)
         rows += [
             (f"back-propagation {said}: learning rate", "0.2", f"{network.learning_rate:g}"),
             (f"back-propagation {said}: learning steps", steps, f"{network.steps:g}"),
             (f"back-propagation {said}: hidden units", "10", f"{network.hidden:g}"),
         ]
     # The random torque is drawn about zero (bodyimage_kin.recordings.dynamics); the paper gives no unit.
-    variance = f"{noisy.motion.noise.torque**2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
+    variance = f"{fuke2007.MOTIONS[noisy.recording]['noise'].torque ** 2:g} N\N{SUPERSCRIPT TWO}m\N{SUPERSCRIPT TWO}"
     return [
         *rows,
         ("noise: mean of the normal distribution", "0.0", "0.0"),
@@ -141,14 +201,14 @@ def _table_1(body: Embodiment) -> list[tuple[str, str, str]]:
     ]
 
 
-def _sentences(body: Embodiment, groups: Mapping[str, Sequence[Cell]], summary: Mapping[str, Any]) -> list[str]:
+def _sentences(run: _Run, summary: Mapping[str, Any]) -> list[str]:
     """The page in three sentences, every number from the run."""
     noisy = summary["conditions"][_PAPER[-1]]
     net, flat, direct = noisy["paper_mlp"], noisy["least_squares"], noisy[DIRECT]
     size = np.mean(net["map"]["span"]) / np.mean(direct["map"]["span"])
     paper = [claim for claim in summary["claims"] if claim["asked_by"] == "paper" and claim["holds"] is not None]
     rival = "more" if flat["displacement_error"] > net["displacement_error"] else "less"
-    seen = fuke2007.power([cell.blindness for cell in groups[fuke2007.BLINDNESS] if cell.blindness is not None])
+    seen = summary["blindness"]["power"]
     half = fuke2007.DOSES["scale"].index(0.5)
     noticed = ", ".join(
         f"{name} in {100 * seen['scale'][measure][half]:.0f} %"
@@ -159,9 +219,8 @@ def _sentences(body: Embodiment, groups: Mapping[str, Sequence[Cell]], summary: 
         )
     )
     wrong = net["map"]["topological_error_mean"][-1]
-    order = (
-        f"{wrong:.1f} of {body.require_skin().count} taxels out of order" if wrong >= 0.05 else "no taxel out of order"
-    )
+    count = run.body.require_skin().count
+    order = f"{wrong:.1f} of {count} taxels out of order" if wrong >= 0.05 else "no taxel out of order"
     verdict = (
         f"{sum(claim['holds'] for claim in paper)} of the paper's {len(paper)} claims hold by criteria written "
         "beforehand. "
@@ -182,17 +241,14 @@ def _sentences(body: Embodiment, groups: Mapping[str, Sequence[Cell]], summary: 
     ]
 
 
-def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Picture]:
+def _pictures(run: _Run) -> list[Picture]:
     """Every figure, in the order of the page."""
-    noise_free, noisy = (groups[name][0] for name in _PAPER)
-    perfect = fuke2007.true_map(body)
-    places = {name: perfect.reshape(-1, body.m)[taxel] for name, taxel in body.require_skin().landmarks.items()}
-    steps = noisy.mapped[DIRECT].steps
+    body, (noise_free, noisy) = run.body, _PAPER
     return [
         Picture(
             "robot",
             "first",
-            partial(_robot, body, noise_free),
+            partial(_robot, run, noise_free),
             "The robot touches its own face",
             "The circle is what the hand does in view, where the Jacobian is learned; the dots are the taxels of the "
             "face, where it is used and nothing is seen. Drawn from the URDF's own geometry.",
@@ -200,7 +256,7 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "fig03_postures",
             "experiment",
-            partial(figures.row, partial(figures.postures, body, noisy.postures), height=6.2),
+            partial(figures.row, partial(figures.postures, body, run.postures(noisy)), height=6.2),
             "Representative postures (Fig. 3)",
             "The units of the posture map, trained on the postures of touching.",
         ),
@@ -230,42 +286,42 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "fig07_circle",
             "experiment",
-            partial(_circle, body, noise_free),
+            partial(_circle, run, noise_free),
             "The circle in view (Fig. 7)",
             "(a) from outside, (b) the screen as the eye sees it. The hand is dragged along circles both ways.",
         ),
         Picture(
             "fig08_velocities",
             "results",
-            partial(_velocities, [noise_free, noisy]),
+            partial(_velocities, run, _PAPER),
             "Velocity of the unseen hand (Fig. 8)",
             "The hand visits mouth, nose, right eye, left eye and nose again; first recording. Truth, least squares "
             "and the true Jacobian beside the paper's network.",
         ),
         *(
             Picture(
-                f"fig09_trajectories_{cell.condition}",
+                f"fig09_trajectories_{condition}",
                 "results",
-                partial(_trajectories, cell, places),
-                f"Trajectory of the unseen hand (Fig. 9): {figures.label(cell.condition)}",
+                partial(_trajectories, run, condition),
+                f"Trajectory of the unseen hand (Fig. 9): {figures.label(condition)}",
                 "The same motion, integrated from the mouth's true image.",
             )
-            for cell in (noise_free, noisy)
+            for condition in _PAPER
         ),
         *(
             Picture(
-                "fig10_maps" if index == len(steps) - 1 else f"fig10_maps_{index}",
+                "fig10_maps" if index == len(run.steps) - 1 else f"fig10_maps_{index}",
                 "growth",
-                partial(_maps, body, noisy, index, perfect),
-                f"The tactile map after {step:.0f} steps (Fig. 10)",
+                partial(_maps, run, noisy, index),
+                f"The tactile map after {step} steps (Fig. 10)",
                 "Where each taxel is thought to be, with noise, first recording; the true places are drawn behind.",
             )
-            for index, step in enumerate(steps)
+            for index, step in enumerate(run.steps)
         ),
         Picture(
             "fig11_topological_error",
             "maps",
-            partial(_learning, groups),
+            partial(_learning, run),
             "Topological error (Fig. 11), and the span it does not see",
             "Mean and standard deviation over recordings, with noise. A map that collapses to a point has no "
             "topological error, so its span stands beside it: even a perfectly seen hand leaves a map smaller than the "
@@ -274,14 +330,14 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "posture_map",
             "maps",
-            partial(_posture_maps, body, noisy),
+            partial(_posture_maps, run, noisy),
             "The posture map",
             "Where the hand is thought to be in each representative posture, with noise, first recording.",
         ),
         Picture(
             "jacobian_error_by_distance",
             "attribution",
-            partial(_error_by_distance, groups[_PAPER[-1]]),
+            partial(_error_by_distance, run, noisy),
             "Error of the Jacobian against distance from what was seen",
             "Relative error at each posture, on the circle, 3 cm in front of the face and on it, with noise. A "
             "Jacobian of zeros has error 1, the analytic one 0.",
@@ -289,14 +345,14 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
         Picture(
             "attribution",
             "attribution",
-            partial(_attribution, groups),
+            partial(_attribution, run),
             "Why it is wrong on the face",
             "The squared relative error in the unit metric of the touching motion, as a sum of four parts.",
         ),
         Picture(
             "dose_response",
             "blindness",
-            partial(_doses, groups),
+            partial(_doses, run),
             "What each measure sees of a corrupted Jacobian",
             f"Share of recordings in which a measure goes beyond what it makes of true Jacobians, at "
             f"{100 * fuke2007.FALSE_ALARMS:.0f} % false alarms.",
@@ -304,8 +360,9 @@ def _pictures(body: Embodiment, groups: Mapping[str, Sequence[Cell]]) -> list[Pi
     ]
 
 
-def _robot(body: Embodiment, cell: Cell) -> Figure:
-    skin, paths = body.require_skin(), {"seen circle of the hand": cell.circle_position}
+def _robot(run: _Run, condition: str) -> Figure:
+    body, circle = run.body, run.recording(condition, "training")["true_hand_position"].values[0]
+    skin, paths = body.require_skin(), {"seen circle of the hand": circle}
     touching = body.touch_postures([skin.landmarks.get("nose", skin.reference)])[0]
     far, near = (partial(figures.robot, body, touching, paths=paths, close=close) for close in (False, True))
     return figures.row(far, near, pictures=True, below=True)
@@ -326,66 +383,70 @@ def _camera(body: Embodiment) -> Figure:
     return figures.row(side, above, pictures=True, columns=3)
 
 
-def _circle(body: Embodiment, cell: Cell) -> Figure:
-    outside, seen = (partial(draw, body, cell.circle_q) for draw in (figures.line_of_sight, figures.hand_image))
+def _circle(run: _Run, condition: str) -> Figure:
+    q = run.recording(condition, "training")["true_q"].values[0]
+    outside, seen = (partial(draw, run.body, q) for draw in (figures.line_of_sight, figures.hand_image))
     return figures.row(outside, seen, columns=3, below=True, height=3.85, width_ratios=(1.25, 1))
 
 
-def _velocities(cells: Sequence[Cell]) -> Figure:
+def _velocities(run: _Run, conditions: Sequence[str]) -> Figure:
     """X above y, a column for each condition."""
-    figure, grid = figures.panels(2, len(cells), sharex=True, sharey="row")
-    for column, cell in zip(grid.T, cells, strict=True):
-        interval = np.diff(cell.tour_time)[:, None]
+    figure, grid = figures.panels(2, len(conditions), sharex=True, sharey="row")
+    for column, condition in zip(grid.T, conditions, strict=True):
+        time, image = run.tour(condition)
+        interval = np.diff(time)[:, None]
         true, *estimated = (
-            np.diff(image, axis=0) / interval
-            for image in (cell.tour_image, *(cell.scored[name].tour_image for name in _SHOWN))
+            np.diff(one, axis=0) / interval
+            for one in (image, *(run.tour_path(condition, name, len(time)) for name in _SHOWN))
         )
         for axis, axes in enumerate(column):
-            figures.velocities(cell.tour_time[:-1], true, dict(zip(_SHOWN, estimated, strict=True)), axes, axis=axis)
+            figures.velocities(time[:-1], true, dict(zip(_SHOWN, estimated, strict=True)), axes, axis=axis)
             axes.label_outer()
-        column[0].set_title(figures.drawn(cell.condition))
+        column[0].set_title(figures.drawn(condition))
     figures.letters(grid.T.flat)
     figures.legend(figure)
     return figure
 
 
-def _trajectories(cell: Cell, places: Mapping[str, np.ndarray]) -> Figure:
-    estimates = {name: cell.scored[name].tour_image for name in _SHOWN}
-    draw = partial(figures.trajectories, cell.tour_image, estimates, landmarks=places)
+def _trajectories(run: _Run, condition: str) -> Figure:
+    _, image = run.tour(condition)
+    estimates = {name: run.tour_path(condition, name, len(image)) for name in _SHOWN}
+    perfect = true_map(run.body).reshape(-1, run.body.m)
+    places = {name: perfect[taxel] for name, taxel in run.body.require_skin().landmarks.items()}
+    draw = partial(figures.trajectories, image, estimates, landmarks=places)
     return figures.row(draw, pictures=True, width=figures.SINGLE_COLUMN)
 
 
-def _maps(body: Embodiment, cell: Cell, index: int, perfect: np.ndarray) -> Figure:
+def _maps(run: _Run, condition: str, index: int) -> Figure:
     """Every map at one step, on the scale of all steps."""
-    everything = np.concatenate([perfect[None], *(cell.mapped[name].maps for name in _MAPPED)]).reshape(-1, 2) * 1000
+    perfect, landmarks = true_map(run.body), run.body.require_skin().landmarks
+    maps = {name: run.first(condition, name, "tactile_maps") for name in _MAPPED}
+    everything = np.concatenate([perfect[None], *maps.values()]).reshape(-1, 2) * 1000
     (left, top), (right, bottom) = np.nanmin(everything, 0) - 2, np.nanmax(everything, 0) + 2
 
     def draw(name: str, axes: Axes) -> None:
-        landmarks = body.require_skin().landmarks
-        figures.tactile_map(cell.mapped[name].maps[index], axes, true=perfect, landmarks=landmarks)
+        figures.tactile_map(maps[name][index], axes, true=perfect, landmarks=landmarks)
         axes.set(title=figures.drawn(name), xlim=(left, right), ylim=(bottom, top))
 
     draws = [partial(draw, name) for name in _MAPPED]
     return figures.row(*draws, pictures=True, lettered=False, columns=5, sharex=True, sharey=True)
 
 
-def _posture_maps(body: Embodiment, cell: Cell) -> Figure:
-    true = body.hand_image(cell.postures, on_invisible="nan").numpy()
+def _posture_maps(run: _Run, condition: str) -> Figure:
+    true = fuke2007.true_posture_map(run.body, run.postures(condition))
 
     def draw(name: str, axes: Axes) -> None:
-        figures.posture_map(cell.mapped[name].posture_map, true, axes, name=name)
+        figures.posture_map(run.first(condition, name, "posture_map"), true, axes, name=name)
         axes.set_title(figures.drawn(name))
 
     draws = [partial(draw, name) for name in _MAPPED]
     return figures.row(*draws, pictures=True, lettered=False, columns=3, sharex=True, sharey=True)
 
 
-def _learning(groups: Mapping[str, Sequence[Cell]]) -> Figure:
-    cells = groups[_PAPER[-1]]
-    steps = cells[0].mapped[DIRECT].steps
-    chance = (fuke2007.permuted_error(groups[fuke2007.BLINDNESS]), "chance")
-    errors = {name: [cell.mapped[name].topological_errors for cell in cells] for name in _MAPPED}
-    spans = {name: [cell.mapped[name].spans.mean(axis=-1) for cell in cells] for name in _MAPPED}
+def _learning(run: _Run) -> Figure:
+    chance, noisy, steps = (fuke2007.permuted_error(run.found), "chance"), _PAPER[-1], run.steps
+    errors = {name: list(run.found.score(noisy, name, "topological_errors")[:, 0]) for name in _MAPPED}
+    spans = {name: list(run.found.score(noisy, name, "spans").mean(axis=-1)) for name in _MAPPED}
     return figures.row(
         partial(figures.learning, steps, errors, ylabel="topological error [taxels]", level=chance),
         partial(figures.learning, steps, spans, ylabel="map span / true span", level=(1.0, "true size")),
@@ -393,39 +454,48 @@ def _learning(groups: Mapping[str, Sequence[Cell]]) -> Figure:
     )
 
 
-def _error_by_distance(cells: Sequence[Cell]) -> Figure:
+def _error_by_distance(run: _Run, condition: str) -> Figure:
+    recording = next(one.recording for one in CONDITIONS if one.name == condition)
+
     def draw(probe: str, axes: Axes) -> None:
         errors = {
-            name: np.concatenate([cell.scored[name].error_by_posture[probe] for cell in cells])
+            name: _there(run.found.score(condition, name, "identity_error_by_posture", probe=probe))
             for name in _SHOWN
             if name != "analytic"
         }
-        away = 100 * np.concatenate([cell.distance[probe] for cell in cells])
+        away = 100 * _there(run.found.fact(recording, "hand_distance_by_posture", probe=probe))
         figures.error_by_distance(away, errors, axes, xlabel="distance from the seen circle [cm]")
         axes.set_title(figures.drawn(probe))
 
     return figures.row(*(partial(draw, probe) for probe in PROBES), height=2.7, sharex=True, sharey=True)
 
 
-def _attribution(groups: Mapping[str, Sequence[Cell]]) -> Figure:
+def _there(values: Float[np.ndarray, "seed posture"]) -> Float[np.ndarray, "there"]:
+    """All that is not padding, in a row."""
+    return values[np.isfinite(values)]
+
+
+def _attribution(run: _Run) -> Figure:
+    parts = [str(part) for part in run.results["part"].values]
     figure, grid = figures.panels(2, 3, height=3.1, sharex=True, sharey=True)
-    for axes, (condition, cells) in zip(grid.flat, groups.items(), strict=False):
-        means = {
-            name: {part: mean([cell.scored[name].attribution["on_face"][part] for cell in cells]) for part in PARTS}
+    for axes, condition in zip(grid.flat, CONDITIONS, strict=False):
+        of = {
+            name: run.found.score(condition.name, name, "attribution", probe="on_face").mean(0)
             for name in ("paper_mlp", "least_squares", "least_squares_scaled")
         }
+        means = {name: dict(zip(parts, values.tolist(), strict=True)) for name, values in of.items()}
         figures.attribution(means, axes)
-        axes.set_title(figures.drawn(condition))
+        axes.set_title(figures.drawn(condition.name))
         axes.label_outer()
-    for axes in grid.flat[len(groups) :]:
+    for axes in grid.flat[len(CONDITIONS) :]:
         axes.remove()
-    figures.letters(grid.flat[: len(groups)])
+    figures.letters(grid.flat[: len(CONDITIONS)])
     figures.legend(figure)
     return figure
 
 
-def _doses(groups: Mapping[str, Sequence[Cell]]) -> Figure:
-    power = fuke2007.power([cell.blindness for cell in groups[fuke2007.BLINDNESS] if cell.blindness is not None])
+def _doses(run: _Run) -> Figure:
+    power = fuke2007.power(run.found)
     figure, grid = figures.panels(2, 2, height=4.3, sharey=True)
     for axes, (corruption, of) in zip(grid.flat, power.items(), strict=True):
         alarms, doses = fuke2007.FALSE_ALARMS, fuke2007.DOSES[corruption]

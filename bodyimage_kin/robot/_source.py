@@ -57,7 +57,7 @@ def _as_path(data: bytes) -> str:
 def _from_file(file: object) -> tuple[bytes, Path | None]:
     try:
         content = file.read(MAX_BYTES + 1)  # type: ignore[attr-defined]
-    except (OSError, ValueError) as problem:
+    except (OSError, ValueError, TypeError) as problem:
         raise InvalidURDF(f"cannot read the open file: {problem}", remedy=_REMEDY) from None
     if not isinstance(content, str | bytes | bytearray):
         raise InvalidURDF(f"the open file gives {type(content).__name__}, not text", remedy=_REMEDY)

@@ -202,7 +202,8 @@ class _Builder:
         elif prefix or tag in known.passed_over:
             self._notes.pass_over(place, element.line)
         else:
-            self._report(element, f"{place} is not known", remedy_for(tag, parent.tag))
+            known_word = "is not read" if tag in KINEMATIC else "is not known"
+            self._report(element, f"{place} {known_word}", remedy_for(tag, parent.tag))
         return False
 
     def _repeats(self, element: Element, parent: Element) -> bool:

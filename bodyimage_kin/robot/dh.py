@@ -25,7 +25,7 @@ def read_table(
     kinds: Sequence[str] | None,
     joints: Sequence[str] | None,
     links: Sequence[str] | None,
-    limits: Sequence[tuple[float, float] | None] | None,
+    limits: Sequence[ArrayLike | None] | None,
     name: str,
 ) -> KinematicTree:
     """The tree of a table; see :meth:`bodyimage_kin.Robot.from_dh`.

@@ -1,13 +1,18 @@
-"""Shapes as triangles; mesh files are read from the folder of the URDF (or one that the caller names) or not at all.
+"""Shapes as triangles.
 
-Nothing is fetched, and no mesh can make us read further files.
+Mesh files are read from the folder of the URDF or one that the caller names, those of ROS packages (``package://``)
+also from a package that the URDF lies in, ``ROS_PACKAGE_PATH``, ``AMENT_PREFIX_PATH`` and installed wheels, and else
+not at all. Nothing is fetched, and no mesh can make us read further files.
 """
 
 from __future__ import annotations
 
 import io
+import os
 import re
+import sysconfig
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +26,7 @@ if TYPE_CHECKING:
 
 MESH_SUFFIXES = frozenset({".stl", ".obj", ".dae", ".ply", ".off", ".glb"})
 """The mesh files that are read."""
+_PACKAGE = re.compile(r"package://([^/]+)/(.+)")
 _SECTIONS = 64
 """Facets around a cylinder."""
 
@@ -32,7 +38,8 @@ def triangulate(shape: Shape, link: str, file: Path | None = None, mesh_folder: 
         shape: What to triangulate.
         link: Whose it is, for errors.
         file: The URDF's own; meshes may be read from its folder.
-        mesh_folder: Where meshes may be read instead, subfolders included.
+        mesh_folder: Where meshes may be read instead, subfolders included. Meshes of packages are looked for in
+            ``ROS_PACKAGE_PATH``, ``AMENT_PREFIX_PATH`` and the shared files of installed wheels too.
 
     Raises:
         InvalidGeometry: A mesh that is missing, outside its folder, or cannot be read.
@@ -80,21 +87,43 @@ def mesh_path(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path
 
 
 def _find(name: str, link: str, home: Path | None, folder: Path | None) -> Path:
+    """The file of a mesh. It may lie in a few places, and nowhere else: links and ``..`` lead out of none of them."""
+    package = _PACKAGE.fullmatch(name)
     allowed = folder or home
-    if allowed is None:
-        raise InvalidGeometry(f"link {link!r}: mesh {name!r} of a robot given as XML; say where in mesh_folder")
-    package = re.fullmatch(r"package://([^/]+)/(.+)", name)
-    if package:
+    places: list[tuple[Path, str]] = []
+    if allowed is not None and package:
         # A package is a folder of that name among the meshes, or the folder of meshes itself.
-        candidates = [allowed / package[1] / package[2], allowed / package[2]]
-    else:
-        candidates = [(home or allowed) / name.removeprefix("file://"), allowed / name.removeprefix("file://")]
-    inside = [path for path in map(Path.resolve, candidates) if path.is_relative_to(allowed.resolve())]
+        places += [(allowed, f"{package[1]}/{package[2]}"), (allowed, package[2])]
+    elif allowed is not None:
+        plain = name.removeprefix("file://")
+        places += [(allowed, str((home or allowed) / plain)), (allowed, plain)]
+    if package:
+        around = [] if home is None else [place for place in home.resolve().parents if place.name == package[1]]
+        places += [(place, package[2]) for place in (*around, *_package_folders(package[1]))]
+    if not places:
+        raise InvalidGeometry(f"link {link!r}: mesh {name!r} of a robot given as XML; say where in mesh_folder")
+    inside = [
+        path for place, path_in in places if (path := (place / path_in).resolve()).is_relative_to(place.resolve())
+    ]
     if not inside:
-        raise InvalidGeometry(f"link {link!r}: mesh {name!r} is outside {allowed}; widen mesh_folder if it is yours")
+        limit = allowed or "its package"
+        raise InvalidGeometry(f"link {link!r}: mesh {name!r} is outside {limit}; widen mesh_folder if it is yours")
     if inside[0].suffix.lower() not in MESH_SUFFIXES:
         raise InvalidGeometry(f"link {link!r}: mesh {name!r} is none of {', '.join(sorted(MESH_SUFFIXES))}; convert it")
     for path in inside:
         if path.is_file():
             return path
-    raise InvalidGeometry(f"link {link!r}: mesh {name!r} is not in {allowed}; set mesh_folder to where it is")
+    where = f"in {allowed}" if allowed else "in any package"
+    remedy = "set mesh_folder or ROS_PACKAGE_PATH" if package else "set mesh_folder"
+    raise InvalidGeometry(f"link {link!r}: mesh {name!r} is not {where}; {remedy} to where it is")
+
+
+def _package_folders(package: str) -> Iterator[Path]:
+    """Where a ROS package may be: where the environment says, then among the shared files of installed wheels."""
+    for entry in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
+        folder = Path(entry)
+        yield folder if folder.name == package else folder / package
+    for entry in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+        yield Path(entry) / "share" / package
+    for prefix in (Path(sysconfig.get_path("data")), Path(sysconfig.get_path("purelib")) / "cmeel.prefix"):
+        yield prefix / "share" / package

@@ -9,27 +9,27 @@ from __future__ import annotations
 import hashlib
 import html
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import torch
 from jaxtyping import Float64
 
 from bodyimage_kin import _checks
-from bodyimage_kin._arrays import ArrayLike, as_postures, refuse_not_finite
+from bodyimage_kin._arrays import ArrayLike, as_float_array, as_postures, refuse_not_finite
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, UnknownName
-from bodyimage_kin.robot import _source, dh
+from bodyimage_kin.robot import _source, dh, transforms
 from bodyimage_kin.robot.geometry import LinkGeometry
 from bodyimage_kin.robot.reader import read_urdf
 from bodyimage_kin.robot.tree import Joint, KinematicTree, Mimic, welded, write_core
 
 Posture: TypeAlias = "ArrayLike | Mapping[str, float]"
-Source: TypeAlias = "str | bytes | bytearray | memoryview | os.PathLike[str] | IO[str] | IO[bytes]"
+Source: TypeAlias = Any
+"""A path, an open file, or text: str, bytes, bytearray or memoryview; checked at run time by our own errors."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Robot:
         kinds: Sequence[str] | None = None,
         joints: Sequence[str] | None = None,
         links: Sequence[str] | None = None,
-        limits: Sequence[tuple[float, float] | None] | None = None,
+        limits: Sequence[ArrayLike | None] | None = None,
         name: str = "robot",
     ) -> Robot:
         """A serial robot from Denavit and Hartenberg's parameters.
@@ -339,6 +339,25 @@ class Robot:
         return self._with_joints(
             [self._welded(joint, q, moving) for joint in self.tree.joints if joint.name in kept],
         )
+
+    def with_origins(self, origins: Mapping[str, ArrayLike]) -> Robot:
+        """The robot with other joint origins: full 6D poses, which every reader of URDF understands.
+
+        Args:
+            origins: Joint -> (4, 4) where the child's frame is in the parent's at value zero [m].
+
+        Raises:
+            UnknownName: A joint that does not exist.
+            InvalidArray: No 4x4 transforms.
+        """
+        joints = {joint.name: joint for joint in self.tree.joints}
+        for name, origin in origins.items():
+            if name not in joints:
+                raise UnknownName("joint", name, joints)
+            pose = as_float_array(origin, f"origin of joint '{name}'", shapes=((4, 4),))
+            x, y, z = pose[:3, 3].tolist()
+            joints[name] = replace(joints[name], xyz=(x, y, z), rpy=transforms.matrix_rpy(pose[:3, :3]))
+        return self._with_joints(list(joints.values()))
 
     def reordered(self, joints: Sequence[str]) -> Robot:
         """The same robot with another order of q; itself when that is its order already.

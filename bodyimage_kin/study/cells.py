@@ -328,7 +328,7 @@ def _taught(
     """A context a seed, with what the row's estimator learned from it."""
     folder, count = Path(block.folder), range(len(block.seeds))
     row = row_of(table, folder)
-    known = [{key: values[index] for key, values in facts.arrays.items()} for index in count]
+    known = [{key: values[index].copy() for key, values in facts.arrays.items()} for index in count]
     contexts = [_context(block, body, recordings, index, row, known[index]) for index in count]
     if row.estimator is None:
         return contexts

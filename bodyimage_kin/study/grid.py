@@ -177,9 +177,6 @@ class Block:
             seed: Of the block.
             count: How many.
         """
-        if self.settings["streams"] == "plain":
-            # The posture map and the first of the first maps have the same.
-            return [seed, seed, *range(1000, 998 + count)][:count] if what == "first maps" else [seed] * count
         base = f"{self.embodiment}/{self.simulation.get('stream') or self.recording}/{seed}"
         return stream(self.settings["seed"], base if what == "recordings" else f"{base}/{what}", count)
 

@@ -62,7 +62,6 @@ class Study:
         first_maps: Initial weights of the maps that each recording is tried with; scores of maps are their means. Or
             seed -> number, 1 for all others.
         maps: Settings of :meth:`bodyimage_kin.BodyImage.learn`.
-        streams: ``"own"``: random streams spawned by name; ``"plain"``: every stream is seeded by the seed itself.
         folder: Where relative paths begin, and where modules may lie.
     """
 
@@ -82,7 +81,6 @@ class Study:
     per_posture: bool = False
     first_maps: int | Mapping[Any, int] = 1
     maps: Mapping[str, Any] = field(default_factory=dict)
-    streams: str = "own"
     folder: Path = field(default=Path(), compare=False)
     _given: dict[str, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -96,7 +94,6 @@ class Study:
         if self.time_limit is not None:
             put("time_limit", number("time_limit", self.time_limit, above=0.0))
         choice("metric_of", self.metric_of, ("felt", "true"))
-        choice("streams", self.streams, ("own", "plain"))
         flag("per_posture", self.per_posture)
         put("first_maps", asked.first_maps_of(self.first_maps))
         put("maps", asked.map_settings_of(self.maps))

@@ -145,9 +145,11 @@ class Question:
         """Steps of differences: smaller where followers multiply them."""
         return np.full(self.case.robot.n, self.step / self.case.gain)
 
-    def evaluated(self, postures: Float[np.ndarray, "postures n"]) -> tuple[np.ndarray, np.ndarray]:
-        """Poses and Jacobians of several postures, one call each."""
-        pairs = [self.library.pose_and_jacobian(q, self.link) for q in postures]
+    def evaluated(
+        self, postures: Float[np.ndarray, "postures n"], link: str | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Poses and Jacobians of several postures, one call each; of the case's link unless another is named."""
+        pairs = [self.library.pose_and_jacobian(q, self.link if link is None else link) for q in postures]
         n = self.case.robot.n
         if not pairs:
             return np.empty((0, 4, 4)), np.empty((0, self.library.rows, n))

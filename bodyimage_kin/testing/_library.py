@@ -14,7 +14,7 @@ from jaxtyping import Float
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
 from bodyimage_kin.testing._spec import RobotSpec
 
-OFFERS = ("batch", "float32", "gradient")
+OFFERS = ("batch", "float32", "gradient", "threads")
 """What a library may say it offers beyond a pose and a Jacobian of one posture in float64."""
 
 
@@ -31,7 +31,8 @@ class Library(Protocol):
     - ``hessian(q, link)``: (6, n, n), ``[:, i, k]`` is the derivative of Jacobian column i by q[k].
     - ``jacobian(q, link, reference)``: the Jacobian in ``"local_world_aligned"``, ``"local"`` and ``"world"``.
     - ``offers``: words out of ``"batch"`` (q may be ``(*batch, n)``), ``"float32"`` (q may be float32, and so are the
-      results), ``"gradient"`` (q is always a torch tensor, and the results can be differentiated twice).
+      results), ``"gradient"`` (q is always a torch tensor, and the results can be differentiated twice), ``"threads"``
+      (one object may be called from several threads at once).
 
     A library that has poses only offers ``pose(q, link)`` in place of ``pose_and_jacobian``.
 

@@ -14,7 +14,9 @@ derivative (:attr:`Case.gain`): a robot of ten metres at an angle of a million m
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +25,7 @@ import torch
 from bodyimage_kin.testing._law import DIFFERENCES, EXACT32, Question, differences, law
 from bodyimage_kin.testing._library import Wrapped
 from bodyimage_kin.testing._spec import JointSpec, rename
+from bodyimage_kin.testing._threads import others_in_between
 from bodyimage_kin.testing.oracle import oracle
 
 __all__ = [
@@ -44,7 +47,11 @@ __all__ = [
     "off_path_columns_are_zero",
     "pose_equals_oracle",
     "references_convert",
+    "threads_equal_one",
 ]
+
+_THREADS, _LINKS, _TURNS = 4, 2, 20
+"""Threads that call at once, links that they ask for, and postures of each at each link."""
 
 # Against the oracle ---------------------------------------------------------------------------------------------------
 
@@ -232,6 +239,42 @@ def dtype_is_kept(question: Question) -> dict[str, float]:
     return {f"dtype ({dtypes[0]}, {dtypes[1]})": 0.0 if kept else math.inf} | question.both(
         found, expected, "in float32"
     )
+
+
+@law("threads")
+def threads_equal_one(question: Question) -> dict[str, float]:
+    """Called from several threads at once, on other postures and links, it says what it says in one."""
+    robot = question.case.robot
+    if not robot.n:
+        return {}
+    others = sorted((link for link in robot.links if link != question.link), key=lambda link: -len(robot.path(link)))
+    links = [question.link, *others[: _LINKS - 1]]
+    lengths = np.linspace(-1.0, 1.0, _TURNS)[:, None]
+    postures = [question.q * lengths + 0.3 * thread * lengths[::-1] for thread in range(_THREADS)]
+    begin = threading.Barrier(_THREADS)
+
+    def asked(question: Question, thread: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of one link by all threads at once, twice, then of the next."""
+        batch = "batch" in question.library.offers
+        ask = question.library.pose_and_jacobian if batch else question.evaluated
+        return [ask(postures[thread], link) for link in links for _ in range(2)]
+
+    def work(thread: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        begin.wait()
+        with others_in_between():
+            return asked(question, thread)
+
+    alone = Question(question.build, question.case)
+    expected = [asked(alone, thread) for thread in range(_THREADS)]
+    # Nothing was asked of this one yet: what it builds when first asked is built by all threads at once.
+    with ThreadPoolExecutor(_THREADS) as pool:
+        found = list(pool.map(work, range(_THREADS)))
+    errors = {"pose": 0.0, "Jacobian": 0.0}
+    for values, wanted in zip(found, expected, strict=True):
+        for value, alike in zip(values, wanted, strict=True):
+            for what, error in question.both(value, alike, "").items():
+                errors[what.strip()] = max(errors[what.strip()], error)
+    return {f"{what} of {_THREADS} threads against one": error for what, error in errors.items()}
 
 
 # Derivatives ----------------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bodyimage_kin import figures
+from bodyimage_kin.published.ambiguities import DRAWN, MEASURES
 
 TITLES = {
     "posture": "Posture as an input of f",
@@ -27,13 +28,8 @@ TITLES = {
     "dimensions": "The robot's dimensions",
 }
 """In the order of the documentation. The posture map's kernel is left out: it changes none of these scores."""
-PANELS = {
-    "displacement": ("displacement error", 1.1),
-    "touch": ("hand RMSE [mm]", 42.0),
-    "span": ("map span", 0.65),
-    "topological": ("topological error", 330.0),
-}
-"""Measure -> its name, and where its axis ends; the measures follow the chain from Jacobian to map."""
+ENDS = dict(zip(DRAWN, (1.1, 42.0, 0.65, 330.0), strict=True))
+"""Measure -> where its axis ends; the measures follow the chain from Jacobian to map."""
 LOOKS = {"kinematic": ("#0b6fa4", "o", 0.17), "noise": ("#c2407e", "D", -0.17)}
 """Motion -> colour, marker, and place above or below the middle of the row."""
 
@@ -43,7 +39,7 @@ def draw(summary: Mapping[str, Mapping[str, Any]]) -> Figure:
     """A row a reading, a panel a measure; a line shows where the library's own reading, the first of each group, is."""
     groups = {name: summary[name] for name in TITLES}
     rows = sum(len(readings) + 1.6 for readings in groups.values())
-    made, grid = figures.panels(1, len(PANELS), height=0.105 * rows + 0.6, sharey=True)
+    made, grid = figures.panels(1, len(ENDS), height=0.105 * rows + 0.6, sharey=True)
     panels = grid[0]
     # Without it the longest name loses its first letter: text is wider at the resolution of the file.
     made.get_layout_engine().set(w_pad=0.08)
@@ -53,15 +49,15 @@ def draw(summary: Mapping[str, Mapping[str, Any]]) -> Figure:
         ticks.append(height)
         labels.append(TITLES[name])
         bottom = height - len(readings) - 0.5
-        for axes, measure in zip(panels, PANELS, strict=True):
+        for axes, measure in zip(panels, ENDS, strict=True):
             _group(axes, readings, measure, height, bottom)
         for reading in readings:
             height -= 1.0
             ticks.append(height)
             labels.append(reading)
         height -= 0.6
-    for axes, (title, end) in zip(panels, PANELS.values(), strict=True):
-        axes.set(xlim=(0.0, end), ylim=(height, 0.0), xlabel=title)
+    for axes, (measure, end) in zip(panels, ENDS.items(), strict=True):
+        axes.set(xlim=(0.0, end), ylim=(height, 0.0), xlabel=MEASURES[measure].title)
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
         axes.grid(axis="x", color="0.92", linewidth=0.6)
@@ -79,7 +75,7 @@ def draw(summary: Mapping[str, Mapping[str, Any]]) -> Figure:
 
 def _group(axes: Axes, readings: Mapping[str, Any], measure: str, top: float, bottom: float) -> None:
     """One ambiguity in one panel; scores beyond the axis sit at its end as arrows."""
-    end = PANELS[measure][1]
+    end = ENDS[measure]
     for reading, by_motion in enumerate(readings.values(), start=1):
         means = [found[measure]["mean"] for found in by_motion.values() if measure in found]
         if means and all(mean is None for mean in means):

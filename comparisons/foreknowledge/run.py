@@ -7,13 +7,14 @@ an interrupted run is taken up where it ended. What failed stands in the results
 from __future__ import annotations
 
 import argparse
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import bodyimage_kin as bk
 from bodyimage_kin import figures
 from bodyimage_kin._files import write_text
-from bodyimage_kin._progress import progress
 from bodyimage_kin.published import foreknowledge
 
 PREDICTORS = (
@@ -54,13 +55,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=30, help="recordings of each condition (default: 30)")
     parser.add_argument("--workers", type=int, default=None, help="processes (default: one a core)")
     parser.add_argument("--quick", action="store_true", help="two recordings of each condition")
-    parser.add_argument("--store", type=Path, default=None, help="folder that keeps what is done (default: none)")
+    parser.add_argument("--store", type=Path, default=None, help="folder of the study (default: none is kept)")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, help="folder of the results")
     asked = parser.parse_args()
-    settings = foreknowledge.Settings(seeds=2 if asked.quick else asked.seeds)
-    with progress("conditions and seeds") as report:
-        cells = foreknowledge.run(settings, workers=asked.workers, store=asked.store, progress=report)
-    found = foreknowledge.summarise(settings, cells)
+    study = foreknowledge.grid(seeds=2 if asked.quick else asked.seeds)
+    with tempfile.TemporaryDirectory() as folder:
+        results = study.run(asked.store or folder, workers=asked.workers, progress=True)
+    found = foreknowledge.judge(results, bk.load_embodiment("infant"))
     asked.out.mkdir(parents=True, exist_ok=True)
     foreknowledge.write_summary(found, asked.out / "results.json")
     write_text(asked.out / "results.md", foreknowledge.markdown(found))

@@ -5,6 +5,7 @@ Runs every motion for one seed and prints processor seconds by part; then the fi
 
 from __future__ import annotations
 
+import dataclasses
 import statistics
 import subprocess
 import sys
@@ -20,21 +21,19 @@ import torch
 
 from bodyimage_kin.body_image import BodyImage, integration, posture_som
 from bodyimage_kin.estimators import PaperMLP
-from bodyimage_kin.published.fuke2007 import blindness, cell, scene, scores
-from bodyimage_kin.published.fuke2007.conditions import MOTIONS, Settings
+from bodyimage_kin.published import fuke2007
 from bodyimage_kin.recordings import dynamics, files, kinematic, motions
+from bodyimage_kin.study import scoring
 
 PARTS = {
     "passive arm in MuJoCo": (dynamics, "drag"),
     "kinematic motion": (kinematic, "follow"),
     "paths over the face": (motions.RandomTouch, "path"),
-    "postures that touch, and truth there": (scene, "probe_postures"),
     "posture map (MiniSom)": (posture_som.PostureSOM, "fit"),
     "maps": (BodyImage, "learn"),
     "the paper's network": (PaperMLP, "fit"),
     "integration": (integration, "integrate"),
-    "scores of Jacobians": (scores, "score"),
-    "corrupted Jacobians, all that is not above": (blindness, "measure_blindness"),
+    "scores, all that is not above": (scoring, "computed"),
     "recordings to disk": (files, "write_recording"),
 }
 
@@ -75,7 +74,6 @@ class Clock:
 def main() -> None:
     """Measures and prints, after one seed that nothing is measured of."""
     torch.set_num_threads(1)
-    settings = Settings(seeds=1)
     runs: list[dict[str, float]] = []
     clock = Clock()
     for part, (owner, name) in PARTS.items():
@@ -84,8 +82,8 @@ def main() -> None:
         for seed in range(1, 5):
             clock.seconds.clear()
             began = time.process_time()
-            for motion in MOTIONS:
-                cell.run_cell(settings, motion, seed, Path(folder))
+            # One seed after the other, each a study of its own, in this process.
+            dataclasses.replace(fuke2007.grid(), seeds=[seed]).run(Path(folder, str(seed)), "in-process")
             total = time.process_time() - began
             runs.append({**clock.seconds, "all else": total - sum(clock.seconds.values()), "sum": total})
         for part in [*PARTS, "all else", "sum"]:
@@ -96,8 +94,8 @@ def main() -> None:
         print(f"{'the command, from end to end (wall)':45} {time.perf_counter() - began:6.1f} s")
         pages = Path(folder, "all")
         figures = sorted(path.stat().st_mtime for path in pages.rglob("*.png"))
-        cells = sorted(path.stat().st_mtime for path in pages.rglob("*.nc"))
-        print(f"{'of these, from the last recording to the page':45} {figures[-1] - cells[-1]:6.1f} s")
+        cells = sorted(path.stat().st_mtime for path in pages.rglob("study/**/*") if path.is_file())
+        print(f"{'of these, from the last cell to the page':45} {figures[-1] - cells[-1]:6.1f} s")
 
 
 if __name__ == "__main__":

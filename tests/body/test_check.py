@@ -159,4 +159,4 @@ def test_the_command_prints_what_is_found_and_ends_with_its_verdict(tmp_path, ca
 def test_the_paper_is_not_begun_with_a_body_that_is_unfit(tmp_path, body):
     file = sees_touch(body).save(tmp_path / "sees.toml")
     with pytest.raises(InvalidConfig, match="the eye sees the hand while it touches"):
-        fuke2007.check(fuke2007.Settings(str(file), 1, True))
+        fuke2007.check(str(file))

@@ -1,5 +1,6 @@
 """Triangles stand where the joints put them, and no file outside the folder is read."""
 
+import os
 import warnings
 
 import numpy as np
@@ -127,3 +128,49 @@ def test_nothing_is_logged_or_warned(caplog):
         triangles(BOX, {})
     assert not caught
     assert not caplog.records
+
+
+def test_capsules_are_drawn_round():
+    capsule = '<visual><geometry><capsule radius="0.1" length="0.4"/></geometry></visual>'
+    surface = triangles(f'<robot name="t"><link name="b">{capsule}</link></robot>', {})
+    middle = np.clip(surface.corners[..., 2:], -0.2, 0.2) * [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(np.linalg.norm(surface.corners - middle, axis=-1), 0.1, atol=1e-12)
+    np.testing.assert_allclose(surface.corners - middle, 0.1 * surface.normals, atol=1e-12)
+    np.testing.assert_allclose(np.abs(surface.corners[..., 2]).max(), 0.3, atol=1e-12)
+    corners = surface.corners
+    volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+    np.testing.assert_allclose(volume, np.pi * 0.1**2 * (0.4 + 4 / 3 * 0.1), rtol=0.01)
+
+
+def test_an_odd_visual_is_left_out_and_the_others_are_drawn():
+    odd = BOX.replace('<sphere radius="0.03"/>', "<blob/>")
+    assert set(triangles(odd, {}).links.tolist()) == {1}
+    assert "(the visual is left out)" in Robot.from_urdf(odd).notes[0]
+
+
+def test_meshes_of_packages_are_found_where_the_environment_says(tmp_path, monkeypatch):
+    name = "package://pkg/meshes/cube.stl"
+    urdf = MESH.format(name)
+    for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+        monkeypatch.delenv(variable, raising=False)
+    with pytest.raises(InvalidGeometry, match="not in any package; set mesh_folder or ROS_PACKAGE_PATH"):
+        triangles(urdf, {})
+    for index, (variable, place, value) in enumerate([
+        ("ROS_PACKAGE_PATH", "src/pkg", "src"),
+        ("ROS_PACKAGE_PATH", "here/pkg", "here/pkg"),
+        ("AMENT_PREFIX_PATH", "install/share/pkg", "install"),
+    ]):  # fmt: skip
+        folder = tmp_path / str(index)
+        (folder / place / "meshes").mkdir(parents=True)
+        trimesh.creation.box(extents=[1, 1, 1]).export(folder / place / "meshes" / "cube.stl")
+        trimesh.creation.box(extents=[1, 1, 1]).export((folder / place).parent / "cube.stl")
+        with monkeypatch.context() as patch:
+            patch.setenv(variable, f"/nowhere{os.pathsep}{folder / value}")
+            assert len(triangles(urdf, {}).corners) == 12
+            with pytest.raises(InvalidGeometry, match="outside"):
+                triangles(urdf.replace("meshes/", "../"), {})
+    around = tmp_path / "pkg" / "urdf" / "robot.urdf"
+    around.parent.mkdir(parents=True)
+    around.write_text(urdf)
+    (tmp_path / "0" / "src" / "pkg" / "meshes").rename(tmp_path / "pkg" / "meshes")
+    assert len(triangles(around, {}).corners) == 12

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from concurrent.futures import Executor, Future
 
 import numpy as np
 import pytest
@@ -17,16 +16,11 @@ from bodyimage_kin.errors import (
     InvalidArray,
     InvalidConfig,
     InvalidPosture,
-    OutputRefused,
     UnknownName,
 )
 from bodyimage_kin.estimators import Analytic, LeastSquares, PaperMLP
 from bodyimage_kin.published import foreknowledge as fk
-from bodyimage_kin.published.foreknowledge import cell as cell_module
-from bodyimage_kin.published.foreknowledge import store as store_module
-from bodyimage_kin.published.foreknowledge.cell import ESTIMATORS, predictors, run_cell
-from bodyimage_kin.published.foreknowledge.evaluate import Combination, leave_one_condition_out
-from bodyimage_kin.study import executors
+from bodyimage_kin.published.foreknowledge import Combination, leave_one_condition_out
 
 UNTAUGHT = {
     "posture_distance": fk.MeanPostureDistance(),
@@ -289,157 +283,114 @@ def test_postures_are_scored_within_recordings():
 
 # The whole ----------------------------------------------------------------------------------------------------------
 
+SHOWN = [one for one in fk.CONDITIONS if one.name in ("kinematic, 3 cm", "kinematic, 8 cm", "one turn, 3 cm")]
+
 
 @pytest.fixture(scope="module")
-def summary():
-    settings = fk.Settings(seeds=1, touch_duration=10.0, arms=1, postures=10)
-    conditions = [one for one in fk.CONDITIONS if one.name in ("kinematic, 3 cm", "kinematic, 8 cm", "one turn, 3 cm")]
-    cells = {one.name: [run_cell(settings, one, 0)] for one in conditions}
-    return cells, fk.summarise(settings, cells, conditions)
+def done(tmp_path_factory):
+    """Three conditions, one recording each."""
+    study = fk.grid(seeds=1, touch_duration=10.0, conditions=SHOWN)
+    store = tmp_path_factory.mktemp("foreknowledge")
+    return study.run(store, "in-process"), store
+
+
+@pytest.fixture(scope="module")
+def summary(done, body):
+    return done[0], fk.judge(done[0], body, SHOWN)
 
 
 def test_a_run_is_summed_up(summary):
-    cells, found = summary
-    for e, estimator in enumerate(ESTIMATORS):
-        one = found["estimators"][estimator]
-        assert one["measured"] == pytest.approx([cell[0].measured[e] for cell in cells.values()], rel=1e-4)
+    results, found = summary
+    assert (results["failure"] == "").all()
+    for estimator in fk.ESTIMATORS:
+        one, values = found["estimators"][estimator], results.sel(estimator=estimator).isel(embodiment=0, seed=0)
+        order = [condition.recording for condition in SHOWN]
+        assert one["measured"] == pytest.approx(values["measured"].sel(recording=order).values, rel=1e-4)
         missing = {name for name, score in one["predictors"].items() if score.get("missing", 0)}
         assert missing == ({"perturbed_arms_rough"} if estimator == "rational_trig" else set())
         # Nothing is left to chance where images have no noise: the arm is found.
-        calibrated = [cell[0].foreseen[list(found["predictors"]).index("calibrated_arm"), e] for cell in cells.values()]
-        np.testing.assert_allclose(calibrated, [cell[0].measured_touching[e] for cell in cells.values()], rtol=0.05)
+        calibrated = values["foreseen"].sel(predictor="calibrated_arm")
+        np.testing.assert_allclose(calibrated, values["measured_touching"], rtol=0.05)
     page = fk.markdown(found)
     assert all(one["assumes"] in page for one in found["predictors"].values())
 
 
-def test_who_refuses_is_never_crowned_and_its_first_words_are_shown(summary, monkeypatch):
-    cells, found = summary
+def test_what_is_foretold_and_measured_is_that_of_the_public_functions(done, body):
+    results, store = done
+    condition = SHOWN[0]
+    seen = bk.study.recording_of(store, condition.recording, 0)
+    touch = bk.study.recording_of(store, condition.recording, 0, "use")
+    one = results.sel(recording=condition.recording, estimator="least_squares").isel(embodiment=0, seed=0)
+    known = fk.Known.of(seen, touch.q.values, LeastSquares(), seed=0)
+    for name in ("posture_distance", "excitation_deficit"):
+        said = fk.predictors(body, bk.Noise(), "LeastSquares")[name].foresee(known)
+        assert float(one["foreseen"].sel(predictor=name)) == said.error
+    W = bk.metrics.motion_metric(touch, "true")
+    q = body.touch_postures(range(body.skin.count))
+    J, Jh = body.hand_image_jacobian(q).numpy(), known.learned.jacobian(q).numpy()
+    assert float(one["measured"]) == pytest.approx(bk.metrics.pooled_relative_error(J, Jh, W), rel=1e-12)
+    q = torch.from_numpy(touch["true_q"].values.reshape(-1, body.p)[known.samples])
+    J, Jh = body.hand_image_jacobian(q).numpy(), known.learned.jacobian(q).numpy()
+    assert float(one["measured_touching"]) == pytest.approx(bk.metrics.pooled_relative_error(J, Jh, W), rel=1e-12)
 
-    def silence(one):
-        refused = {name: dict.fromkeys(found["predictors"], "InvalidConfig: too dark") for name in ESTIMATORS}
-        return dataclasses.replace(one, foreseen=one.foreseen * np.nan, refused=refused)
 
-    settings = fk.Settings(**found["settings"])
-    conditions = [fk.Condition(**{**one, "distances": tuple(one["distances"])}) for one in found["conditions"]]
-    second = conditions[1].name
-    page = fk.markdown(fk.summarise(settings, {**cells, second: [silence(cells[second][0])]}, conditions))
-    assert page.count(f"distance of mean postures refused first in {second}, seed 0: InvalidConfig: too dark") == 3
+def test_who_refuses_is_never_crowned_and_its_first_words_are_shown(summary, body, monkeypatch):
+    results, found = summary
+    second = SHOWN[1]
+    silent = results.copy(deep=True)
+    silent["refused"] = silent["refused"].astype(object)
+    at = {"recording": second.recording}
+    silent["foreseen"].loc[at] = np.nan
+    silent["refused"].loc[at] = "InvalidConfig: too dark"
+    page = fk.markdown(fk.judge(silent, body, SHOWN))
+    assert page.count(f"distance of mean postures refused first in {second.name}, seed 0: InvalidConfig: too dark") == 3
     assert "none spoke of every condition" not in page
     assert "R2 of at least" not in page
-    assert "refused" not in fk.markdown(found)
     for one in found["estimators"].values():
         for score in one["predictors"].values():
             monkeypatch.setitem(score["r2"], "estimate", None)
     assert fk.markdown(found).count("No predictor has an R2") == 3
 
 
-def test_touch_and_circles_have_streams_of_their_own(body):
-    noisy = next(one for one in fk.CONDITIONS if one.name == "noisy sensors, 3 cm")
-    several = dataclasses.replace(noisy, dynamics=False, turns=0.2, distances=(0.03, 0.03))
-    circles, touch = several.circle(body, 3), several.touch(body, 3, 2.0)
-    noise = [one.q.values - one.true_q.values for one in (circles.isel(trial=0), circles.isel(trial=1), touch)]
-    noise[2] = noise[2][0]
-    count = min(map(len, noise))
-    for one, other in ((0, 1), (0, 2), (1, 2)):
-        assert abs(np.corrcoef(noise[one][:count].ravel(), noise[other][:count].ravel())[0, 1]) < 0.3
-    alone = dataclasses.replace(several, name="another", distances=(0.03,))
-    np.testing.assert_array_equal(alone.circle(body, 3).q[0], circles.q[0], "conditions are paired by seed")
-    xr.testing.assert_equal(alone.touch(body, 3, 2.0), touch)
+def test_conditions_are_paired_by_seed_and_their_recordings_have_streams_of_their_own(done):
+    _, store = done
+    near, far, turn = (
+        {role: bk.study.recording_of(store, one.recording, 0, role) for role in ("training", "use")} for one in SHOWN
+    )
+    xr.testing.assert_equal(near["use"], far["use"])
+    assert not np.array_equal(near["training"].q, far["training"].q)
+    assert near["use"].sizes != turn["training"].sizes
 
 
-def test_a_touch_motion_is_shared_by_conditions_that_move_alike():
-    alike = {cell_module._moved(one) for one in fk.CONDITIONS}
-    assert len(alike) == 4, "driven, free, kinematic, noisy sensors"
-    assert {(one.dynamics, one.torque_noise, one.encoder_noise, one.image_noise) for one in alike} == {
-        (one.dynamics, one.torque_noise, one.encoder_noise, one.image_noise) for one in fk.CONDITIONS
-    }
-
-
-def test_what_fails_fails_alone_and_only_that_is_computed_again(summary, tmp_path, monkeypatch):
-    cells, found = summary
-    settings = fk.Settings(**found["settings"])
-    conditions = [one for one in fk.CONDITIONS if one.name in cells]
-    asked, done = [], []
-
-    def work(settings, condition, seed, fail=True):
-        asked.append(condition.name)
-        if fail and condition is conditions[1]:
-            raise ValueError("no\nlight")
-        return cells[condition.name][seed]
-
-    def run():
-        return fk.run(
-            settings, conditions, executor="in-process", store=tmp_path / "s", progress=lambda *one: done.append(one)
-        )
-
-    monkeypatch.setattr(cell_module, "run_cell", work)
-    first = run()
-    assert done == [(0, 3), (1, 3), (2, 3), (3, 3)]
-    assert first[conditions[1].name] == [fk.Failed("ValueError: no light")]
-    summed = fk.summarise(settings, first, conditions)
-    page = fk.markdown(summed)
-    assert summed["failed"] == [{"condition": conditions[1].name, "seed": 0, "words": "ValueError: no light"}]
-    assert f"- {conditions[1].name}, seed 0: ValueError: no light" in page
-    assert summed["estimators"]["least_squares"]["measured"][1] is None
-    with pytest.raises(fk.NothingCame, match="no light"):
-        fk.summarise(settings, dict.fromkeys(first, first[conditions[1].name]), conditions)
-
-    monkeypatch.setattr(cell_module, "run_cell", lambda *job: work(*job, fail=False))
-    asked.clear()
-    again = run()
-    assert asked == [conditions[1].name]
-    for name, (cell,) in again.items():
-        for field in dataclasses.fields(cell):
-            np.testing.assert_array_equal(getattr(cell, field.name), getattr(cells[name][0], field.name))
-    one = next((tmp_path / "s").iterdir())
-    one.write_bytes(b"")
-    with pytest.raises(OutputRefused, match=f"{one.name}' cannot be read"):
-        run()
-
-
-@pytest.mark.parametrize("problem", [executors.WorkerDied("no memory left"), executors.NoWorker("none can start")])
-def test_a_process_that_dies_takes_its_own_cell_along(problem):
-    class Dying(Executor):
-        def submit(self, *_, **__):
-            future = Future()
-            future.set_exception(problem)
-            return future
-
-    conditions = fk.CONDITIONS[:2]
-    if isinstance(problem, BodyImageKinError):
-        with pytest.raises(executors.NoWorker):
-            fk.run(fk.Settings(seeds=1), conditions, executor=Dying())
-        return
-    found = fk.run(fk.Settings(seeds=1), conditions, executor=Dying())
-    assert found == {one.name: [fk.Failed("WorkerDied: no memory left")] for one in conditions}
-
-
-def test_a_cell_is_kept_by_all_that_decides_it(tmp_path):
-    settings, condition = fk.Settings(), fk.CONDITIONS[0]
-    store = store_module.Store(tmp_path, settings, "body")
-    same = dataclasses.replace(store, settings=fk.Settings(seeds=3))._path(condition, 1)
-    assert same == store._path(condition, 1)
-    others = [
-        store._path(condition, 2),
-        store._path(dataclasses.replace(condition, radius=0.04), 1),
-        dataclasses.replace(store, settings=fk.Settings(arms=3))._path(condition, 1),
-        dataclasses.replace(store, body="another")._path(condition, 1),
-    ]
-    assert len({same, *others}) == 5
-
-
-def test_several_distances_are_trials_of_one_recording(body):
+def test_several_distances_are_trials_of_one_recording(tmp_path):
     condition = next(one for one in fk.CONDITIONS if len(one.distances) > 1)
-    kinematic = dataclasses.replace(condition, dynamics=False, turns=0.2)
-    seen = kinematic.circle(body, 0)
-    assert seen.sizes["trial"] == len(condition.distances)
-    for trial, distance in enumerate(condition.distances):
-        own = kinematic.streams(0)[1 + trial]
-        alone = bk.simulate(body, bk.motions.Circle(distance=distance, turns=0.2), own, dynamics=False)
-        one = seen.isel(trial=[trial], time=slice(0, alone.sizes["time"]))
-        xr.testing.assert_equal(one.drop_vars("trial"), alone.drop_vars("trial"))
-        assert (seen["touched"].values[trial, alone.sizes["time"] :] == -1).all()
-        assert {name: one[name].dtype for name in one} == {name: alone[name].dtype for name in alone}
+    kinematic = dataclasses.replace(condition, dynamics=False, noise=bk.Noise(), turns=0.2)
+    study = dataclasses.replace(
+        fk.grid(seeds=1, touch_duration=2.0, conditions=[kinematic]),
+        scores=["relative_error"],
+        estimators={"one": "LeastSquares"},
+    )
+    study.run(tmp_path / "s", "in-process")
+    assert bk.study.recording_of(tmp_path / "s", kinematic.recording, 0).sizes["trial"] == len(condition.distances)
+
+
+def test_what_failed_has_its_words(summary, body):
+    results, _ = summary
+    second = SHOWN[1]
+    broken = results.copy(deep=True)
+    broken["failure"] = broken["failure"].astype(object)
+    at = {"recording": second.recording}
+    broken["failure"].loc[at] = "ValueError: no light"
+    for name in ("measured", "measured_touching", "measured_by_posture", "foreseen", "foreseen_by_posture"):
+        broken[name].loc[at] = np.nan
+    summed = fk.judge(broken, body, SHOWN)
+    page = fk.markdown(summed)
+    assert summed["failed"][0]["words"] == "ValueError: no light"
+    assert f"- {second.recording}/least_squares, seed 0: ValueError: no light" in page
+    assert summed["estimators"]["least_squares"]["measured"][1] is None
+    broken["failure"][:] = "ValueError: no light"
+    with pytest.raises(fk.NothingCame, match="no light"):
+        fk.judge(broken, body, SHOWN)
 
 
 def test_figures_show_the_numbers(summary):
@@ -462,7 +413,7 @@ def test_figures_show_the_numbers(summary):
 
 
 def test_all_predictors_say_what_they_assume(body):
-    for name, one in predictors(fk.Settings(), body, fk.CONDITIONS[0], "least_squares").items():
+    for name, one in fk.predictors(body, bk.Noise(), "LeastSquares").items():
         assert one.assumes, name
     assert len({one.name for one in fk.CONDITIONS}) == len(fk.CONDITIONS)
 
@@ -490,27 +441,12 @@ def test_all_predictors_say_what_they_assume(body):
             "no predictor 'b'",
         ),
         (lambda b, c, t: fk.r2([1.0], [1.0, 2.0]), InvalidArray, "must be the same"),
-        (lambda b, c, t: fk.Settings(seeds=0), InvalidConfig, "seeds=0"),
-        (lambda b, c, t: fk.run(fk.Settings(), workers=0), InvalidConfig, "workers=0"),
-        (lambda b, c, t: fk.run(fk.Settings(), workers=1.5), InvalidConfig, "workers=1.5"),
-        (lambda b, c, t: fk.run(fk.Settings(), workers=True), InvalidConfig, "workers=True"),
+        (lambda b, c, t: fk.grid(seeds=0), InvalidConfig, "seeds"),
+        (lambda b, c, t: fk.grid(touch_duration=0.0), InvalidConfig, "touch_duration=0"),
     ],
 )
+@pytest.mark.usefixtures("unchecked")
 def test_what_is_wrong_is_named(call, error, match, body, circle, touch):
     with pytest.raises(error, match=match):
         call(body, circle, touch)
     assert issubclass(error, BodyImageKinError)
-
-
-@pytest.mark.slow
-def test_no_bit_depends_on_the_number_of_workers():
-    settings = fk.Settings(seeds=2, touch_duration=10.0, arms=1, postures=10)
-    conditions = [one for one in fk.CONDITIONS if one.name in ("one turn, 3 cm", "noise-free, 3 cm")]
-    done = []
-    found = fk.run(settings, conditions, workers=2, progress=lambda *one: done.append(one))
-    assert done == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
-    for condition in conditions:
-        for seed in range(2):
-            here, there = run_cell(settings, condition, seed), found[condition.name][seed]
-            for field in dataclasses.fields(here):
-                np.testing.assert_array_equal(getattr(here, field.name), getattr(there, field.name))

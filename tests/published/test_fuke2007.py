@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
+from pathlib import Path
 
-import numpy as np
 import pytest
 
+import bodyimage_kin as bk
 from bodyimage_kin import cli
 from bodyimage_kin.published import fuke2007
-from bodyimage_kin.recordings import read_recording
+
+INFANT = Path(__file__).parents[2] / "urdf" / "infant.toml"
 
 SCORES = {
     "velocity_correlation",
@@ -91,11 +92,10 @@ def test_claims_carry_measure_interval_criterion_and_verdict(summary):
 
 
 def test_recordings_are_kept(folder):
-    for motion in fuke2007.MOTIONS:
+    for name in fuke2007.MOTIONS:
         for seed in (0, 1):
-            for kind, cls in {"circle": "Circle", "face_tour": "FaceTour", "random_touch": "RandomTouch"}.items():
-                recording = read_recording(folder / "recordings" / f"{motion.name}_seed{seed}_{kind}.nc")
-                assert recording.attrs["motion"] == cls
+            for role, cls in {"training": "Circle", "tour": "FaceTour", "use": "RandomTouch"}.items():
+                assert bk.study.recording_of(folder / "study", name, seed, role).attrs["motion"] == cls
 
 
 def test_every_figure_is_there_twice(folder):
@@ -115,14 +115,19 @@ def test_the_page_stands_alone(folder):
     assert "nan" not in re.sub(r"data:[^\"]*", "", page).lower().split()
 
 
-def test_a_cell_is_the_same_bits_alone_and_in_the_pool(summary, tmp_path):
-    settings = fuke2007.Settings(seeds=2, quick=True)
-    one, again = (fuke2007.run_cell(settings, fuke2007.MOTIONS[2], 1, tmp_path) for _ in range(2))
-    for cell, same in zip(one, again, strict=True):
-        for name, scored in cell.scored.items():
-            for field in dataclasses.fields(scored):
-                np.testing.assert_equal(getattr(scored, field.name), getattr(same.scored[name], field.name))
-        np.testing.assert_array_equal(cell.mapped["paper_mlp"].maps, same.mapped["paper_mlp"].maps)
+def test_a_reproduction_is_taken_up_where_it_ended(folder, summary, capsys):
+    cell = next((folder / "study" / "cells").rglob("paper_mlp_500/*"))
+    kept = {path: path.stat().st_mtime_ns for path in (folder / "study" / "cells").rglob("*") if path.is_file()}
+    cell.unlink()
+    assert cli.main(["reproduce", "--out", str(folder), "--quick", "--seeds", "2"]) == 0
+    again = {path: path.stat().st_mtime_ns for path in (folder / "study" / "cells").rglob("*") if path.is_file()}
+    assert {path for path in kept if again[path] != kept[path]} == {cell}
+    assert json.loads((folder / "summary.json").read_text()) == summary
+
+
+def test_another_experiment_needs_another_folder(folder, capsys):
+    assert cli.main(["reproduce", "--out", str(folder), "--quick", "--seeds", "2", "--embodiment", str(INFANT)]) == 2
+    assert "name another folder" in capsys.readouterr().err
 
 
 def test_an_earlier_reproduction_may_be_written_again_but_nothing_else(folder, tmp_path, capsys):
@@ -156,9 +161,6 @@ def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_two_runs_are_the_same_to_the_bit_whatever_the_workers(tmp_path):
-    settings = fuke2007.Settings(seeds=2, quick=True)
-    one, two = (
-        fuke2007.summarise(settings, fuke2007.run(settings, tmp_path / str(workers), workers=workers))
-        for workers in (1, 2)
-    )
-    assert json.dumps(one) == json.dumps(two)
+    study = fuke2007.grid(seeds=2, quick=True)
+    one, two = (study.run(tmp_path / str(workers), workers=workers) for workers in (1, 2))
+    assert json.dumps(fuke2007.judge(one)) == json.dumps(fuke2007.judge(two))

@@ -143,6 +143,21 @@ def test_estimators_are_ranked_with_their_intervals(tmp_path):
         bk.report.write(results, tmp_path / "report.html", baseline="wrse")
 
 
+def test_scores_of_ones_own_are_shown_and_what_was_left_out_is_said(tmp_path):
+    results = results_of(["a", "b"])
+    about = {"long_name": "how <much> I like it", "units": "m"}
+    results["liked"] = results["displacement_error"].assign_attrs(about)
+    results["relative_error"] *= np.nan
+    results.attrs["left_out"] = json.dumps({"map_span": {"it has no <skin>": ["infant/noisy/a", "infant/noisy/b"]}})
+    page = bk.report.write(results, tmp_path / "report.html").read_text()
+    assert "how &lt;much&gt; I like it [m]" in page
+    assert "map span" in page
+    assert '<td class="words">it has no &lt;skin&gt;</td><td>2</td>' in page
+    assert page.count("<caption>") == 5, (
+        "ranking, excitation, correlations, maps, what was left out: none of relative_error"
+    )
+
+
 def test_many_estimators_are_one_figure_each(tmp_path):
     few, many = (
         bk.report.write(

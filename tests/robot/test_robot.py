@@ -3,6 +3,10 @@
 import dataclasses
 import hashlib
 import math
+import os
+import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +16,8 @@ from hypothesis import strategies as st
 from robots import ARM, ONE_JOINT, STATUE, TRICKY, infant, postures, tricky
 
 import bodyimage_kin as bk
-from bodyimage_kin.errors import InvalidPosture, InvalidURDF, UnknownName
+from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidURDF, UnknownName
+from bodyimage_kin.robot import transforms
 
 
 def test_a_path_a_string_and_bytes_give_the_same_robot(tmp_path):
@@ -42,6 +47,48 @@ def test_names_and_joints_stand_in_the_order_of_the_file():
     assert repr(robot) == "Robot('tricky', 9 links, 4 joints)"
 
 
+def test_a_notebook_shows_the_joints_and_the_notes():
+    page = bk.Robot.from_urdf(
+        ARM.replace('name="arm"', 'name="&lt;arm&gt;"').replace("</robot>", "<gazebo/></robot>")
+    )._repr_html_()
+    assert "<b>&lt;arm&gt;</b>: 4 links from <code>base</code>" in page
+    assert page.count("<tr>") == 3
+    assert "<td>1</td><td>elbow</td><td>revolute</td><td>upper</td><td>lower</td><td>-3</td><td>3</td>" in page
+    assert page.endswith("<ul><li>line 12: passed over &lt;gazebo&gt; in &lt;robot&gt;</li></ul>")
+    assert "<ul>" not in bk.Robot.from_urdf(STATUE)._repr_html_()
+
+
+def test_robots_of_the_same_text_are_equal_in_other_processes_too(tmp_path):
+    file = tmp_path / "tricky.urdf"
+    file.write_text(TRICKY)
+    robots = [
+        bk.Robot.from_urdf(TRICKY),
+        bk.Robot.from_urdf(file),
+        tricky().subtree(["tip"]),
+        bk.Robot.from_dh([[1, 2, 3, 4]]),
+    ]
+    assert robots[0] == robots[1] == tricky()
+    assert len({*robots, tricky()}) == 3
+    assert robots[0] != robots[2]
+    assert robots[0] != "tricky"
+    # Limits are kept by robots and their hashes too.
+    assert all(robot.lower.shape == (robot.n,) for robot in robots)
+    for robot in robots:
+        (tmp_path / "robot").write_bytes(pickle.dumps(robot))
+        program = (
+            "import pickle, sys; robot = pickle.load(open(sys.argv[1], 'rb')); hash(robot); robot.unfolded; "
+            "open(sys.argv[1], 'wb').write(pickle.dumps((robot, hash(robot))))"
+        )
+        environment = os.environ | {"PYTHONHASHSEED": "7"}
+        subprocess.run(
+            [sys.executable, "-c", program, str(tmp_path / "robot")], check=True, env=environment, timeout=100
+        )
+        again, hashed = pickle.loads((tmp_path / "robot").read_bytes())
+        assert again == robot
+        assert hashed == hash(again) == hash(robot)
+        assert (again.notes, again.file, again.geometry) == (robot.notes, robot.file, robot.geometry)
+
+
 def test_a_robot_cannot_be_changed():
     with pytest.raises(dataclasses.FrozenInstanceError):
         tricky().source = b""
@@ -65,6 +112,36 @@ def test_samples_are_within_limits_and_the_same_for_the_same_seed(urdf, batch):
     assert (q >= robot.lower.clamp(min=-math.pi)).all()
     assert (q <= robot.upper.clamp(max=math.pi)).all()
     assert torch.equal(q, robot.sample(batch, seed=3))
+
+
+def test_samples_are_finite_whatever_the_limits():
+    largest = sys.float_info.max
+    limits = [
+        (-1e308, 1e308),
+        (0.0, 1.7e308),
+        None,
+        (-3.0, -3.0),
+        (-largest, 5.0),
+        (-5.0, largest),
+        (-largest, largest),
+    ]
+    robot = bk.Robot.from_dh(np.zeros((7, 4)), kinds=["prismatic", "revolute"] * 3 + ["prismatic"], limits=limits)
+    robot = bk.Robot.from_urdf(robot.to_urdf())
+    q = robot.sample((50,), seed=1)
+    assert torch.isfinite(q).all()
+    assert (q >= robot.lower).all()
+    assert (q <= robot.upper).all()
+    assert float(q[:, 0].max()) > 5e307 > -5e307 > float(q[:, 0].min())
+    # Within a turn of the one limit there is, or within half a turn of zero.
+    assert (q[:, 4] > 5.0 - 2 * math.pi).all()
+    assert (q[:, 5] < -5.0 + 2 * math.pi).all()
+    assert (q[:, [2, 6]].abs() <= math.pi).all()
+
+
+@pytest.mark.parametrize(("batch", "seed"), [(-1, 0), (True, 0), ((2, -1), 0), (2, -1)])
+def test_a_bad_sample_is_refused(batch, seed):
+    with pytest.raises(InvalidConfig, match=r"(batch|seed)=.*: give a whole number of at least 0"):
+        tricky().sample(batch, seed=seed)
 
 
 def test_samples_are_uniform_and_differ_between_seeds():
@@ -195,3 +272,21 @@ def test_one_joint_and_none():
     assert statue.joint_names == ()
     assert statue.named([]) == {}
     assert statue.lower.shape == (0,)
+
+
+def test_other_origins_are_read_back_as_they_were_given():
+    robot = infant()
+    rng = np.random.default_rng(0)
+    origins = {}
+    for joint in robot.tree.joints[:9]:
+        pose = transforms.transform(transforms.rpy_matrix(rng.uniform(-3, 3, 3).tolist()), rng.standard_normal(3))
+        origins[joint.name] = pose
+    moved = robot.with_origins(origins)
+    again = bk.Robot.from_urdf(moved.to_urdf())
+    for one in (moved, again):
+        for joint in one.tree.joints:
+            wanted = origins.get(joint.name, next(j.origin for j in robot.tree.joints if j.name == joint.name))
+            np.testing.assert_allclose(joint.origin, wanted, atol=5e-15)
+    assert moved.geometry == robot.geometry
+    with pytest.raises(UnknownName, match="joint"):
+        robot.with_origins({"no such joint": np.eye(4)})

@@ -51,7 +51,6 @@ WRONG = {
         *({"per_posture": bad} for bad in (1, "true", [True])),
         *({"first_maps": bad} for bad in (0, 1.0, "2", True, {"a": 0}, {"0": 1.5}, [1])),
         *({"maps": bad} for bad in (3, {"gama": 1.0}, {"seed": 1}, [1])),
-        *({"streams": bad} for bad in (3, "mine")),
         *({"metric_of": bad} for bad in (3, "guessed")),
         {"nonsense": 1},
         {"metrics": ["relative_error"]},

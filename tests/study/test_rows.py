@@ -239,20 +239,6 @@ def test_entries_of_one_stream_are_paired(tmp_path):
     assert not np.array_equal(q["near"], q["own"])
 
 
-def test_plain_streams_are_the_seed_itself(tmp_path, body):
-    study = Study(
-        "infant", {"still": STILL}, [bk.estimators.PaperMLP(steps=5)], seeds=[4], streams="plain", probes=["on_face"]
-    )
-    found = study.run(tmp_path, "in-process")
-    seen = recording_of(tmp_path, "still", 4)
-    again = bk.simulate(body, Circle(turns=0.5), 4, dynamics=False)
-    np.testing.assert_array_equal(again["q"], seen["q"])
-    learned = bk.estimators.PaperMLP(steps=5).fit(bk.experience(again), 4)
-    use = recording_of(tmp_path, "still", 4, "use")
-    wanted = bk.score(learned, body, again, use, ["on_face"])["relative_error_use"]
-    assert float(found["relative_error_use"].squeeze()) == float(wanted.squeeze())
-
-
 def test_a_motion_of_ones_own_by_object_and_by_name(tmp_path):
     by_name = {"my_scores:Wave": {"height": 0.02}}
     studies = [

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -17,8 +19,9 @@ import xarray as xr
 from bodyimage_kin.errors import InvalidConfig, MissingDependency
 from bodyimage_kin.estimators import LeastSquares
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
-from bodyimage_kin.study import Simulation, Study, executors, summary
+from bodyimage_kin.study import Simulation, Study, executors, read_study, summary
 from bodyimage_kin.study.executors import Call
+from bodyimage_kin.study.results import MISSING
 
 WAYS = ("raises", "nan", "shape", "sleeps", "dies")
 
@@ -244,7 +247,12 @@ def test_children_end_with_the_driver_however_that_ends(by, tmp_path):
     # No `if __name__ == "__main__":` either: a plain script runs a study.
     script = tmp_path / "script.py"
     script.write_text(HUNG.format(tests=str(Path(__file__).parents[1]), out=str(tmp_path / "out")))
-    process = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
+    end_with_children([sys.executable, str(script)], by, tmp_path)
+
+
+def end_with_children(command, by, tmp_path):
+    """Ends a study that hangs, once it does; the exit status, and what it said."""
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1])
     try:
         deadline = time.monotonic() + 90
         while not (tmp_path / "out/facts/infant/still/block0.part").exists():
@@ -255,10 +263,50 @@ def test_children_end_with_the_driver_however_that_ends(by, tmp_path):
         children = children_of(process.pid)
         assert len(children) == 2
         process.send_signal(by)
-        process.wait(10)
+        said = process.communicate(timeout=10)[1]
         deadline = time.monotonic() + 5
         while alive := [one for one in children if Path(f"/proc/{one}").exists()]:
             assert time.monotonic() < deadline, alive
             time.sleep(0.1)
+        return process.returncode, said
     finally:
         process.kill()
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="asks /proc")
+@pytest.mark.parametrize(("by", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)])
+def test_the_command_ends_in_one_line_with_its_children(by, status, tmp_path):
+    (tmp_path / "study.toml").write_text(
+        'seeds = 1\nembodiments.infant = "infant"\nprobes.on_face = "on_face"\n'
+        'estimators.a = {"odd_estimators:Odd" = {way = "sleeps"}}\n'
+        'estimators.b = {"odd_estimators:Odd" = {way = "spins"}}\n'
+        "[recordings.still]\ntraining.Circle = {turns = 0.3}\nuse.RandomTouch = {duration = 4.0}\ndynamics = false\n"
+    )
+    command = [sys.executable, "-m", "bodyimage_kin.cli", "study", str(tmp_path / "study.toml"), "--workers", "2"]
+    found, said = end_with_children([*command, "--out", str(tmp_path / "out")], by, tmp_path)
+    assert found == status
+    assert said.splitlines()[-1] == "bodyimage-kin: interrupted; what is finished is kept"
+    assert "Traceback" not in said
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_lost_scheduler_is_called_so_and_what_is_finished_is_kept(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    still = Simulation(Circle(turns=0.3), RandomTouch(duration=4.0), dynamics=False)
+    rows = {"flat": LeastSquares(), "slow": odd_estimators.Odd("sleeps")}
+    study = Study("infant", {"still": still}, rows, seeds=1, probes=["on_face"])
+    cluster = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)
+
+    def close():
+        with contextlib.suppress(Exception):
+            cluster.close()
+
+    def told(done, total):
+        if done == 2:
+            threading.Thread(target=close, daemon=True).start()
+
+    with pytest.raises(executors.ExecutorLost, match="the scheduler is lost; what is finished is kept"):
+        study.run(tmp_path, cluster.scheduler_address, progress=told)
+    said = read_study(tmp_path)["failure"].squeeze()
+    assert said.values.tolist() == ["", MISSING]

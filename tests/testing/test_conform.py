@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from bodyimage_kin.errors import InvalidConfig
-from bodyimage_kin.testing import Case, RobotSpec, oracle
-from bodyimage_kin.testing.conform import conform
+from bodyimage_kin.testing import LAWS, Case, LawBroken, NotOffered, RobotSpec, oracle, robots
+from bodyimage_kin.testing.conform import conform, random_cases
 
 pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
 
@@ -116,6 +116,27 @@ def test_an_infinite_error_and_nothing_offered_are_no_success(tmp_path: Path, ad
     assert report.exit_status == 1
     assert json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["verdicts"][0]["error"] == "inf"
     assert conform(None, {"mine": adapter}, 2, laws=["hessian_symmetry"]).exit_status == 1
+
+
+def test_threads_that_get_in_each_other_s_way_are_found(library: Any, adapter: type) -> None:
+    class Careful(adapter):  # type: ignore[misc]
+        offers = ("threads",)
+
+    class Sharing(Careful):
+        """Keeps what it was asked in one place for all."""
+
+        def pose_and_jacobian(self, q: Any, link: str) -> Any:
+            self.q = q
+            pose = library.forward(self.robot, self.q, link)
+            return pose, library.jacobian(self.robot, self.q, link)
+
+    law = LAWS["threads_equal_one"]
+    case = next(case for case in random_cases(robots(), 20) if len(case.robot.path(case.link)) > 2 and case.robot.n > 1)
+    assert law(Careful, case) == 0.0
+    with pytest.raises(LawBroken, match="of 4 threads against one"):
+        law(Sharing, case)
+    with pytest.raises(NotOffered, match="does not offer threads"):
+        law(adapter, case)
 
 
 def test_a_library_of_poses_alone_is_asked_for_poses_alone(adapter: type, library: Any) -> None:

@@ -10,7 +10,7 @@ import abc
 import dataclasses
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -47,7 +47,15 @@ class Known:
     _learned: dict[Estimator, LearnedJacobian] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, seen: Any, touch_q: ArrayLike, estimator: Any, seed: int = 0, most: int = 200) -> Known:
+    def of(
+        cls,
+        seen: xr.Dataset,
+        touch_q: ArrayLike,
+        estimator: Estimator,
+        seed: int = 0,
+        most: int = 200,
+        learned: LearnedJacobian | None = None,
+    ) -> Known:
         """What is known once the arm has felt itself touch.
 
         Args:
@@ -56,6 +64,7 @@ class Known:
             estimator: Whose error is to be foretold.
             seed: Of whatever is drawn at random.
             most: Most postures of touching at which Jacobians are compared.
+            learned: What the estimator learned from the experience, where that is known already.
 
         Raises:
             InvalidRecording: Not a recording.
@@ -77,7 +86,10 @@ class Known:
         rows = q.reshape(-1, q.shape[-1])
         there = np.flatnonzero(rows.isfinite().all(-1).numpy())
         kept = there[np.linspace(0, len(there) - 1, min(most, len(there))).round().astype(int)]
-        return cls(exp, rows[torch.from_numpy(kept)], kept, steps.numpy(), estimator, seed)
+        known = cls(exp, rows[torch.from_numpy(kept)], kept, steps.numpy(), estimator, seed)
+        if learned is not None:
+            known._learned[estimator] = learned
+        return known
 
     def about(self, estimator: Estimator) -> Known:
         """The same, with another estimator's error to be foretold."""

@@ -1,25 +1,24 @@
 """What the paper claims, what is measured, and whether it holds.
 
-Every criterion stands here in code and in words; it looks at the interval, not at the mean. An interval is the 95 %
-bias-corrected and accelerated bootstrap (Efron 1987) of the mean over recordings, the unit of resampling; it is missing
-below three recordings.
+Every criterion stands here in code and in words; it looks at the interval, not at the mean. An interval is that of
+:func:`bodyimage_kin.study.statistics.interval` over recordings, the unit of resampling; it is missing below three of
+them, or with one that is not finite.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-import scipy.stats
+from jaxtyping import Float
 
-from bodyimage_kin.published.fuke2007.cell import Cell
-from bodyimage_kin.published.fuke2007.conditions import DIRECT
+from bodyimage_kin.published.fuke2007.conditions import Conditions
+from bodyimage_kin.published.fuke2007.grid import DIRECT, NETWORK
+from bodyimage_kin.study import statistics
 
-Groups = Mapping[str, Sequence[Cell]]
-Interval = tuple[float, float]
-_RESAMPLES = 2000
+Values: TypeAlias = Callable[[Conditions], Float[np.ndarray, "values"]]
 
 
 @dataclass(frozen=True)
@@ -38,78 +37,71 @@ class Claim:
     name: str
     statement: str
     asked_by: str
-    values: Callable[[Groups], Sequence[float]]
+    values: Values
     criterion: str
     holds: Callable[[float, float], bool]
 
 
-def judge(groups: Groups) -> list[dict[str, Any]]:
+def judged(found: Conditions) -> list[dict[str, Any]]:
     """Every claim as ``{name, statement, asked_by, measured, interval, criterion, holds}``.
 
     ``holds`` is None where there is no interval to decide by.
     """
-    judged = []
+    every = []
     for claim in CLAIMS:
-        values = np.asarray(claim.values(groups), dtype=float)
-        measured, interval = float(np.mean(values)), bootstrap(values)
-        judged.append(
+        values = np.asarray(claim.values(found), dtype=float)
+        of = statistics.interval(values)
+        ends = [of.lower, of.upper] if np.isfinite(values).all() and np.isfinite(of.lower) else None
+        every.append(
             {
                 "name": claim.name,
                 "statement": claim.statement,
                 "asked_by": claim.asked_by,
-                "measured": measured,
-                "interval": None if interval is None else list(interval),
+                "measured": float(np.mean(values)),
+                "interval": ends,
                 "criterion": claim.criterion,
-                "holds": None if interval is None else bool(claim.holds(*interval)),
+                "holds": None if ends is None else bool(claim.holds(*ends)),
             }
         )
-    return judged
+    return every
 
 
-def bootstrap(values: Sequence[float] | np.ndarray) -> Interval | None:
-    """The 95 % interval of a mean over recordings; None below three of them or with one that is not finite."""
-    sample = np.asarray(values, dtype=float)
-    if len(sample) < 3 or not np.isfinite(sample).all():
-        return None
-    if np.ptp(sample) <= 1e-12 * max(1.0, float(np.abs(sample).max())):
-        return float(sample.mean()), float(sample.mean())
-    found = scipy.stats.bootstrap(
-        (sample,), np.mean, n_resamples=_RESAMPLES, method="BCa", rng=np.random.default_rng(0)
-    ).confidence_interval
-    return float(found.low), float(found.high)
+def _of(condition: str, score: str, **at: object) -> Values:
+    return lambda found: found.score(condition, NETWORK, score, **at)
 
 
-def _worst_correlation(condition: str) -> Callable[[Groups], Sequence[float]]:
-    return lambda groups: [float(np.min(cell.scored["paper_mlp"].velocity_correlation)) for cell in groups[condition]]
+def _worst_correlation(condition: str) -> Values:
+    return lambda found: found.score(condition, NETWORK, "velocity_correlation").min(axis=1)
 
 
-def _log_ratio(
-    upper: tuple[str, str], lower: tuple[str, str], score: Callable[[Any], float]
-) -> Callable[[Groups], Sequence[float]]:
-    """Logarithm of the ratio of one score, paired by seed; each side is (condition, estimator)."""
+def _log_ratio(upper: tuple[str, str], lower: tuple[str, str]) -> Values:
+    """Logarithm of the ratio of displacement errors, paired by seed; each side is (condition, estimator)."""
 
-    def values(groups: Groups) -> Sequence[float]:
-        pairs = zip(groups[upper[0]], groups[lower[0]], strict=True)
-        return [float(np.log(score(a.scored[upper[1]]) / score(b.scored[lower[1]]))) for a, b in pairs]
+    def values(found: Conditions) -> Float[np.ndarray, "seed"]:
+        one, other = (found.score(*side, "displacement_error") for side in (upper, lower))
+        return np.log(one / other)
 
     return values
 
 
-def _of_map(condition: str, value: Callable[[Cell], float]) -> Callable[[Groups], Sequence[float]]:
-    return lambda groups: [value(cell) for cell in groups[condition]]
+def _falls(found: Conditions) -> Float[np.ndarray, "seed"]:
+    errors = found.score("noisy_500", NETWORK, "topological_errors")[:, 0]
+    return errors[:, -1] / np.maximum(errors[:, 0], 1.0)
 
 
-def _falls(cell: Cell) -> float:
-    errors = cell.mapped["paper_mlp"].topological_errors
-    return errors[-1] / max(errors[0], 1)
+def _other_first_maps(found: Conditions) -> Float[np.ndarray, "maps"]:
+    errors = found.score("noisy_500", NETWORK, "topological_errors")[:, 1:].reshape(-1, found.results.sizes["snapshot"])
+    errors = errors[np.isfinite(errors).all(1)]
+    return errors[:, -1] / np.maximum(errors[:, 0], 1.0)
 
 
-def _other_first_maps(groups: Groups) -> Sequence[float]:
-    return [float(row[-1] / max(row[0], 1.0)) for cell in groups["noisy_500"] for row in cell.other_maps]
+def _relative_span(found: Conditions) -> Float[np.ndarray, "seed"]:
+    own, direct = (found.score("noisy_500", name, "spans")[:, -1] for name in (NETWORK, DIRECT))
+    return (own / direct).mean(axis=1)
 
 
-def _displacement(scored: Any) -> float:
-    return float(scored.displacement_error)
+def _disparity_beyond_sight(found: Conditions) -> Float[np.ndarray, "seed"]:
+    return found.score("noisy_500", NETWORK, "disparity") - found.score("noisy_500", DIRECT, "disparity")
 
 
 CLAIMS: tuple[Claim, ...] = (
@@ -133,7 +125,7 @@ CLAIMS: tuple[Claim, ...] = (
         "velocity_has_the_right_size",
         "The estimated displacement is the right one, not only in step with it.",
         "us",
-        _of_map("noisy_500", lambda cell: cell.scored["paper_mlp"].displacement_error),
+        _of("noisy_500", "displacement_error"),
         "relative displacement error on the face: interval below 0.2",
         lambda low, high: high < 0.2,
     ),
@@ -141,7 +133,7 @@ CLAIMS: tuple[Claim, ...] = (
         "training_converges",
         "The network approximates the training data well from any first weights (section 3.2).",
         "paper",
-        _of_map("noise_free_200", lambda cell: cell.scored["paper_mlp"].training_residual),
+        _of("noise_free_200", "training_residual"),
         "relative residual on the training displacements: interval below 0.2",
         lambda low, high: high < 0.2,
     ),
@@ -149,7 +141,7 @@ CLAIMS: tuple[Claim, ...] = (
         "posture_has_little_effect",
         "The posture difference has little effect on the Jacobian (section 3.2).",
         "paper",
-        _of_map("noise_free_200", lambda cell: cell.jacobian_change),
+        lambda found: found.fact("noise_free", "jacobian_change"),
         "change of the mean true Jacobian from circle to face, in the motion's metric: interval below 0.2",
         lambda low, high: high < 0.2,
     ),
@@ -157,7 +149,7 @@ CLAIMS: tuple[Claim, ...] = (
         "noise_needs_more_steps",
         "With noise the learning steps have to increase from 200 to 500 (section 4.1).",
         "paper",
-        _log_ratio(("noisy_500", "paper_mlp"), ("noisy_200", "paper_mlp"), _displacement),
+        _log_ratio(("noisy_500", NETWORK), ("noisy_200", NETWORK)),
         "log ratio of displacement errors, 500 over 200 steps with noise: interval below log 0.95",
         lambda low, high: high < float(np.log(0.95)),
     ),
@@ -165,7 +157,7 @@ CLAIMS: tuple[Claim, ...] = (
         "no_gain_without_noise",
         "Control of the above: without noise, 500 steps gain nothing over 200.",
         "us",
-        _log_ratio(("noise_free_500", "paper_mlp"), ("noise_free_200", "paper_mlp"), _displacement),
+        _log_ratio(("noise_free_500", NETWORK), ("noise_free_200", NETWORK)),
         "log ratio of displacement errors, 500 over 200 steps without noise: interval above log 0.95",
         lambda low, high: low > float(np.log(0.95)),
     ),
@@ -173,7 +165,7 @@ CLAIMS: tuple[Claim, ...] = (
         "relative_position_is_kept",
         "Relative positions of the landmarks are kept although the integral drifts (Fig. 9).",
         "paper",
-        _of_map("noisy_500", lambda cell: cell.scored["paper_mlp"].relations_kept),
+        _of("noisy_500", "relations_kept"),
         "share of left-of and above relations that the estimated tour keeps: interval above 0.95",
         lambda low, high: low > 0.95,
     ),
@@ -181,7 +173,7 @@ CLAIMS: tuple[Claim, ...] = (
         "topological_error_falls",
         "The topological error falls as the learning steps proceed (Fig. 11).",
         "paper",
-        _of_map("noisy_500", _falls),
+        _falls,
         "topological error at the end over that at the start: interval below 0.1",
         lambda low, high: high < 0.1,
     ),
@@ -197,7 +189,7 @@ CLAIMS: tuple[Claim, ...] = (
         "errors_at_rarely_touched_edges",
         "The errors that remain sit at rarely touched edges (section 4.2).",
         "paper",
-        _of_map("noisy_500", lambda cell: cell.mapped["paper_mlp"].edge_correlation),
+        _of("noisy_500", "edge_correlation"),
         "rank correlation of touch counts with the map's error, over taxels: interval below -0.3",
         lambda low, high: high < -0.3,
     ),
@@ -205,7 +197,7 @@ CLAIMS: tuple[Claim, ...] = (
         "jacobian_is_right_on_the_face",
         "The learned Jacobian is right where it is used.",
         "us",
-        _of_map("noisy_500", lambda cell: cell.scored["paper_mlp"].jacobian_relative_error_use["on_face"]),
+        _of("noisy_500", "relative_error_use", probe="on_face"),
         "relative error on the face in the motion's metric: interval below 0.2",
         lambda low, high: high < 0.2,
     ),
@@ -213,10 +205,7 @@ CLAIMS: tuple[Claim, ...] = (
         "map_has_the_right_size",
         "The map is as large as direct sight makes it.",
         "us",
-        _of_map(
-            "noisy_500",
-            lambda cell: float(np.mean(cell.mapped["paper_mlp"].final["span"] / cell.mapped[DIRECT].final["span"])),
-        ),
+        _relative_span,
         "span over that of direct sight, mean of both axes: interval within 0.9 and 1.1",
         lambda low, high: low > 0.9 and high < 1.1,
     ),
@@ -224,7 +213,7 @@ CLAIMS: tuple[Claim, ...] = (
         "map_is_not_folded",
         "No cell of the map is folded.",
         "us",
-        _of_map("noisy_500", lambda cell: float(cell.mapped["paper_mlp"].final["folded_cells"])),
+        _of("noisy_500", "folded_cells"),
         "folded cells of 400 at the end: interval below 1",
         lambda low, high: high < 1.0,
     ),
@@ -232,10 +221,7 @@ CLAIMS: tuple[Claim, ...] = (
         "map_has_the_right_shape",
         "But for its size, the map is as good as direct sight's.",
         "us",
-        _of_map(
-            "noisy_500",
-            lambda cell: cell.mapped["paper_mlp"].final["disparity"] - cell.mapped[DIRECT].final["disparity"],
-        ),
+        _disparity_beyond_sight,
         "disparity minus that of direct sight: interval below 0.02",
         lambda low, high: high < 0.02,
     ),
@@ -243,7 +229,7 @@ CLAIMS: tuple[Claim, ...] = (
         "network_beats_least_squares",
         "The network is better than one constant Jacobian by least squares.",
         "us",
-        _log_ratio(("noisy_500", "paper_mlp"), ("noisy_500", "least_squares"), _displacement),
+        _log_ratio(("noisy_500", NETWORK), ("noisy_500", "least_squares")),
         "log ratio of displacement errors on the face: interval below 0",
         lambda low, high: high < 0.0,
     ),
@@ -251,7 +237,7 @@ CLAIMS: tuple[Claim, ...] = (
         "network_beats_scaled_least_squares",
         "It is also better than least squares told the ratio of depths.",
         "us",
-        _log_ratio(("noisy_500", "paper_mlp"), ("noisy_500", "least_squares_scaled"), _displacement),
+        _log_ratio(("noisy_500", NETWORK), ("noisy_500", "least_squares_scaled")),
         "log ratio of displacement errors on the face: interval below 0",
         lambda low, high: high < 0.0,
     ),

@@ -1,110 +1,47 @@
-"""Every condition and seed, worked off by an executor, and what came of it in numbers."""
+"""What foretold errors are worth: scores of every predictor for every estimator, as numbers and as a page."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from jaxtyping import Float
+import xarray as xr
+from jaxtyping import Shaped
 
-from bodyimage_kin import _checks
 from bodyimage_kin._files import write_text
-from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import BodyImageKinError
-from bodyimage_kin.published.foreknowledge.cell import (
-    COMBINATIONS,
-    ESTIMATORS,
-    Cell,
-    Failed,
-    Settings,
-    predictors,
-    try_cell,
-)
-from bodyimage_kin.published.foreknowledge.conditions import CONDITIONS, Condition
-from bodyimage_kin.published.foreknowledge.evaluate import Score, evaluate, evaluate_by_posture
-from bodyimage_kin.published.foreknowledge.store import Store
-from bodyimage_kin.recordings.schema import versions
-from bodyimage_kin.study import executors
+from bodyimage_kin.published.foreknowledge.evaluate import Combination, Score, evaluate, evaluate_by_posture
+from bodyimage_kin.published.foreknowledge.grid import CONDITIONS, ESTIMATORS, Condition
+from bodyimage_kin.published.foreknowledge.scores import PREDICTORS, predictors
+from bodyimage_kin.recordings import Noise
+from bodyimage_kin.study import failures, markdown_table
 from bodyimage_kin.study.statistics import Interval
-from bodyimage_kin.study.store import said
 
 TARGET = 0.85
 """The R2 that a predictor should reach."""
 MEAN_OF_OTHERS = "mean_of_others"
+COMBINATIONS: Mapping[str, Combination] = {
+    "without_structure": Combination(("posture_distance", "excitation_deficit", "gaussian_process")),
+    "with_structure": Combination(("posture_distance", "gaussian_process", "perturbed_arms")),
+}
 
 
 class NothingCame(BodyImageKinError):
     """Every condition and seed failed."""
 
 
-def run(
-    settings: Settings,
-    conditions: Sequence[Condition] = CONDITIONS,
-    *,
-    executor: Any = None,
-    workers: Any = None,
-    store: str | Path | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> dict[str, list[Cell | Failed]]:
-    """Every condition and seed; one that fails, or whose process dies, fails alone.
-
-    The same to the bit whoever works: each cell has one thread and streams of its own.
+def judge(results: xr.Dataset, body: Any, conditions: Sequence[Condition] = CONDITIONS) -> dict[str, Any]:
+    """The run in numbers: scores of every predictor for every estimator, and the conditions' means behind them.
 
     Args:
-        settings: Of the run.
-        conditions: The motions.
-        executor: As in :func:`bodyimage_kin.study.executors.executor`; None: a pool of processes.
-        workers: Number of processes of the pool; None: one a processor.
-        store: Folder that cells are kept in as they come; what it has is not computed again. None: nothing is kept.
-        progress: Called with the number of cells that are done, and their total.
-
-    Returns:
-        Condition -> cells, in order of seed.
-
-    Raises:
-        InvalidConfig: Not a positive whole number of workers, or an executor or embodiment that cannot be used.
-        OutputRefused: A store that cannot be written to, or a damaged file in it.
-    """
-    if workers is not None:
-        _checks.whole("workers", workers, least=1)
-    # A wrong name or file is told here, and not by every worker.
-    body = load_embodiment(settings.embodiment, settings.backend)
-    kept = Store(Path(store), settings, body.sha256) if store is not None else None
-    jobs = [(condition, seed) for seed in range(settings.seeds) for condition in conditions]
-    found: dict[tuple[str, int], Cell | Failed] = {}
-    missing = []
-    for condition, seed in jobs:
-        there = kept.read(condition, seed) if kept else None
-        if there is None:
-            missing.append((condition, seed))
-        else:
-            found[condition.name, seed] = there
-    progress(len(found), len(jobs))
-    threads = torch.get_num_threads()
-    try:
-        with executors.executor(executor, workers) as working:
-            for (condition, seed), one in _work(working, settings, missing):
-                found[condition.name, seed] = one
-                if kept and isinstance(one, Cell):
-                    kept.write(condition, seed, one)
-                progress(len(found), len(jobs))
-    finally:
-        # Cells worked off in this process compute with one.
-        torch.set_num_threads(threads)
-    return {one.name: [found[one.name, seed] for seed in range(settings.seeds)] for one in conditions}
-
-
-def summarise(
-    settings: Settings, cells: Mapping[str, Sequence[Cell | Failed]], conditions: Sequence[Condition] = CONDITIONS
-) -> dict[str, Any]:
-    """The run in numbers: scores of every predictor for every estimator, and the conditions' means behind them.
+        results: Of the study that :func:`bodyimage_kin.published.foreknowledge.grid` gives.
+        body: The embodiment.
+        conditions: Of the study.
 
     Returns:
         Plain numbers, lists and tables, not-a-number as None. ``"failed"`` has what failed, with its words.
@@ -112,43 +49,50 @@ def summarise(
     Raises:
         NothingCame: All failed.
     """
-    body = load_embodiment(settings.embodiment, settings.backend)
-    specs = predictors(settings, body, conditions[0], "")
-    each = [(one.name, seed, cell) for one in conditions for seed, cell in enumerate(cells[one.name])]
     failed = [
-        {"condition": name, "seed": seed, "words": cell.words} for name, seed, cell in each if isinstance(cell, Failed)
+        {"condition": one["recording"], "estimator": one["estimator"], "seed": seed, "words": one["failure"]}
+        for one in failures(results)
+        for seed in one["seeds"]
     ]
-    if len(failed) == len(each):
+    count = len(conditions) * results.sizes["seed"] * results.sizes["estimator"]
+    if len(failed) == count:
         raise NothingCame(f"every condition and seed failed; the first: {failed[0]['words']}")
-    table = {
-        field.name: _table(cells, conditions, field.name)
-        for field in dataclasses.fields(Cell)
-        if field.name != "refused"
-    }
+
+    def table(name: str, estimator: str) -> Shaped[np.ndarray, "conditions recordings *rest"]:
+        found = results[name].isel(embodiment=0).sel(recording=[one.recording for one in conditions])
+        return (
+            found.sel(estimator=estimator)
+            .transpose("recording", "seed", "predictor", ..., missing_dims="ignore")
+            .values
+        )
+
+    specs = predictors(body, Noise(), "")
     absolute = [name for name, spec in specs.items() if spec.absolute]
     families = [condition.family for condition in conditions]
     groups = families if len(set(families)) > 1 else None
     scores: dict[str, Any] = {}
-    for e, estimator in enumerate(ESTIMATORS):
-        measured, touching = table["measured"][..., e], table["measured_touching"][..., e]
-        foreseen = {name: table["foreseen"][:, :, p, e] for p, name in enumerate(specs)}
+    for estimator in ESTIMATORS:
+        measured, touching = table("measured", estimator), table("measured_touching", estimator)
+        every, refused = table("foreseen", estimator), table("refused", estimator)
+        foreseen = {name: every[:, :, p] for p, name in enumerate(PREDICTORS) if name in specs}
         of = {name: _score(one) for name, one in evaluate(measured, foreseen, COMBINATIONS, absolute=absolute).items()}
         for name, one in evaluate(touching, foreseen, COMBINATIONS, absolute=absolute, resamples=0).items():
             of[name]["touching"] = {"r2": one.r2.estimate, "slope": one.slope.estimate, "raw_r2": one.raw_r2}
         for name, one in evaluate(measured, foreseen, COMBINATIONS, groups=groups, resamples=0).items():
             of[name]["r2_families"] = one.r2.estimate
-        for p, name in enumerate(specs):
-            foreseen_by_posture = table["foreseen_by_posture"][:, :, p, e]
+        by_posture = table("foreseen_by_posture", estimator)
+        for p, name in enumerate(PREDICTORS):
             of[name]["by_posture"] = dataclasses.asdict(
-                evaluate_by_posture(table["measured_by_posture"][:, :, e], foreseen_by_posture)
+                evaluate_by_posture(table("measured_by_posture", estimator), by_posture[:, :, p])
             )
             of[name]["foreseen"] = _mean(foreseen[name]).tolist()
             of[name]["missing"] = int((np.isfinite(measured) & ~np.isfinite(foreseen[name])).sum())
             of[name]["refused"] = next(
                 (
-                    f"{condition}, seed {seed}: {cell.refused[estimator][name]}"
-                    for condition, seed, cell in each
-                    if isinstance(cell, Cell) and name in cell.refused[estimator]
+                    f"{condition.name}, seed {seed}: {refused[c, s, p]}"
+                    for c, condition in enumerate(conditions)
+                    for s, seed in enumerate(results["seed"].values)
+                    if refused[c, s, p]
                 ),
                 None,
             )
@@ -162,18 +106,19 @@ def summarise(
         "absolute": False,
     }
     found = {
-        "settings": dataclasses.asdict(settings),
+        "seeds": int(results.sizes["seed"]),
         "conditions": [dataclasses.asdict(condition) for condition in conditions],
         "predictors": described,
         "estimators": scores,
         "failed": failed,
-        "versions": versions(),
+        "config": json.loads(results.attrs["config"]),
+        "versions": json.loads(results.attrs["versions"]),
     }
     return dict(_plain(found))
 
 
 def write_summary(found: Mapping[str, Any], path: Path) -> None:
-    """Writes a summary as JSON, atomically."""
+    """Writes what was judged as JSON, atomically."""
     write_text(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
 
@@ -184,7 +129,7 @@ def label(name: str) -> str:
 
 def markdown(found: Mapping[str, Any]) -> str:
     """A summary as a page: what each predictor assumes, and for each estimator what it is worth."""
-    seeds, conditions = found["settings"]["seeds"], found["conditions"]
+    seeds, conditions = found["seeds"], found["conditions"]
     lines = [
         "# Foreknowledge",
         "",
@@ -193,17 +138,26 @@ def markdown(found: Mapping[str, Any]) -> str:
         "brackets 95 % over recordings. The error is that on the face, or where said over the touch motion. Who is "
         "silent on a whole condition has no score.",
         "",
-        "| predictor | assumes |",
-        "| --- | --- |",
-        *(f"| {label(name)} | {one['assumes']} |" for name, one in found["predictors"].items()),
+        markdown_table(
+            ("predictor", "assumes"), [(label(n), one["assumes"]) for n, one in found["predictors"].items()], words=2
+        ),
     ]
     for estimator, one in found["estimators"].items():
-        lines += ["", f"## {label(estimator)}", "", verdict(found, estimator), "", *_rows(one["predictors"])]
+        lines += [
+            "",
+            f"## {label(estimator)}",
+            "",
+            verdict(found, estimator),
+            "",
+            markdown_table(_HEAD, _rows(one["predictors"])),
+        ]
         refused = {name: score["refused"] for name, score in one["predictors"].items() if score.get("refused")}
         lines += ["", *(f"- {label(name)} refused first in {words}" for name, words in refused.items())] * bool(refused)
     if found["failed"]:
         lines += ["", "## Failed", ""]
-        lines += [f"- {one['condition']}, seed {one['seed']}: {one['words']}" for one in found["failed"]]
+        lines += [
+            f"- {one['condition']}/{one['estimator']}, seed {one['seed']}: {one['words']}" for one in found["failed"]
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -239,38 +193,17 @@ _LABELS = {
     MEAN_OF_OTHERS: "geometric mean of the other conditions",
 }
 _HEAD = (
-    "| predictor | R2 | slope | R2 of logs | R2, single recordings | R2, family out | R2 uncalibrated | "
-    "R2 over the touch motion | the same uncalibrated | rank correlation by posture | R2 by posture | missing |"
-)
+    "predictor", "R2", "slope", "R2 of logs", "R2, single recordings", "R2, family out", "R2 uncalibrated",
+    "R2 over the touch motion", "the same uncalibrated", "rank correlation by posture", "R2 by posture", "missing",
+)  # fmt: skip
 
 
-def _work(
-    working: Executor, settings: Settings, jobs: Sequence[tuple[Condition, int]]
-) -> Iterator[tuple[tuple[Condition, int], Cell | Failed]]:
-    """What comes of each job, as it comes."""
-    # What works at once, in this process, is handed one job after the other.
-    size = 1 if isinstance(working, executors.InProcess) else max(len(jobs), 1)
-    for first in range(0, len(jobs), size):
-        pending: dict[Future[Any], tuple[Condition, int]] = {
-            executors.submit(working, executors.Call(try_cell, (settings, *job))): job
-            for job in jobs[first : first + size]
-        }
-        try:
-            for future in as_completed(pending):
-                problem = future.exception()
-                if isinstance(problem, executors.NoWorker):
-                    raise problem
-                yield pending[future], Failed(said(problem)) if problem is not None else future.result()
-        finally:
-            for future in pending:
-                future.cancel()
-
-
-def _rows(of: Mapping[str, Any]) -> list[str]:
-    found = [_HEAD, "| --- |" + " ---: |" * (_HEAD.count("|") - 2)]
+def _rows(of: Mapping[str, Any]) -> list[list[str]]:
+    found = []
     for name, one in of.items():
         by_posture = one.get("by_posture", {})
         cells = [
+            label(name),
             _ends(one["r2"]),
             # That of the mean of all others is one less their number, whatever was measured.
             "" if name == MEAN_OF_OTHERS else _ends(one["slope"]),
@@ -284,7 +217,7 @@ def _rows(of: Mapping[str, Any]) -> list[str]:
             _number(by_posture.get("r2")),
             str(one.get("missing", "")),
         ]
-        found.append(f"| {label(name)} | " + " | ".join(cells) + " |")
+        found.append(cells)
     return found
 
 
@@ -310,15 +243,6 @@ def _score(one: Score) -> dict[str, Any]:
         "raw_slope": one.raw_slope,
         "predicted": _mean(one.predicted).tolist(),
     }
-
-
-def _table(
-    cells: Mapping[str, Sequence[Cell | Failed]], conditions: Sequence[Condition], field: str
-) -> Float[np.ndarray, "conditions recordings *rest"]:
-    """One field of all cells, NaN where one failed."""
-    there = [cell for one in conditions for cell in cells[one.name] if isinstance(cell, Cell)]
-    nothing = np.full_like(getattr(there[0], field), np.nan)
-    return np.stack([np.stack([getattr(cell, field, nothing) for cell in cells[one.name]]) for one in conditions])
 
 
 def _mean(values: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
-"""The paper's network with each of its unclear settings as a field: what `readings.py` varies.
+"""The paper's network with each of its unclear settings as a field.
 
-With the fields' defaults it is `bodyimage_kin.estimators.PaperMLP`, to rounding.
+With the fields' defaults it is :class:`bodyimage_kin.estimators.PaperMLP`, to rounding.
 """
 
 from __future__ import annotations
@@ -14,7 +14,10 @@ import xarray as xr
 from jaxtyping import Float
 from torch import Tensor
 
+from bodyimage_kin import _checks
 from bodyimage_kin.estimators import Estimator, LearnedJacobian, pairs
+
+__all__ = ["Layers", "Network", "Perceptron"]
 
 Layers = list[tuple[np.ndarray, np.ndarray]]
 
@@ -77,12 +80,22 @@ class Network(Estimator):
 
     hidden: int = 10
     depth: int = 1
-    learning_rate: float = 0.2
+    learning_rate: float | int = 0.2
     steps: int = 200
     posture: bool = False
     unit: str = "tanh"
     scaling: str = "spread"
     update: str = "mean"
+
+    def __post_init__(self) -> None:
+        for name in ("hidden", "depth"):
+            _checks.whole(name, getattr(self, name), least=1)
+        _checks.number("learning_rate", self.learning_rate, above=0.0)
+        _checks.whole("steps", self.steps, least=0)
+        _checks.flag("posture", self.posture)
+        _checks.choice("unit", self.unit, ("tanh", "logistic"))
+        _checks.choice("scaling", self.scaling, ("spread", "range", "none"))
+        _checks.choice("update", self.update, ("mean", "sum", "sample"))
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> Perceptron:
         """Learns from an experience; the seed draws first weights and single samples."""
