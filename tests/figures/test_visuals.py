@@ -65,7 +65,7 @@ def test_mimic_joint_follows_along_its_normalised_axis():
     assert {surface.link_names[index] for index in surface.links} == {"slide"}
 
 
-def test_meshes_are_read_scaled_and_only_from_their_folder(tmp_path):
+def test_meshes_are_read_scaled_and_only_from_their_folder(tmp_path, monkeypatch):
     folder = tmp_path / "robot"
     (folder / "pkg").mkdir(parents=True)
     cube = trimesh.creation.box(extents=[1, 1, 1])
@@ -93,6 +93,8 @@ def test_meshes_are_read_scaled_and_only_from_their_folder(tmp_path):
             triangles(urdf, {})
     urdf.write_text(MESH.format("../cube.stl"))
     assert len(triangles(urdf, {}, mesh_folder=tmp_path).corners) == 12
+    monkeypatch.chdir(folder)
+    assert len(triangles("robot.urdf", {}, mesh_folder=tmp_path).corners) == 12
     with pytest.raises(InvalidGeometry, match="mesh_folder"):
         triangles(MESH.format("cube.stl"), {})
 
