@@ -83,7 +83,7 @@ def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path
 
 def mesh_path(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> Path:
     """Where a mesh's file is; see :func:`triangulate`."""
-    return _find(mesh.filename, link, file and file.parent, mesh_folder)
+    return _find(mesh.filename, link, file and file.absolute().parent, mesh_folder)
 
 
 def _find(name: str, link: str, home: Path | None, folder: Path | None) -> Path:
