@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from bodyimage_kin import body_image as body_image
+    from bodyimage_kin import calibration as calibration
     from bodyimage_kin import errors as errors
     from bodyimage_kin import estimators as estimators
     from bodyimage_kin import figures as figures
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from bodyimage_kin.body.file import load_embodiment as load_embodiment
     from bodyimage_kin.body_image import BodyImage as BodyImage
     from bodyimage_kin.body_image import integrate as integrate
+    from bodyimage_kin.calibration import calibrate as calibrate
+    from bodyimage_kin.calibration import next_postures as next_postures
     from bodyimage_kin.errors import BodyImageKinError as BodyImageKinError
     from bodyimage_kin.estimators import load_learned as load_learned
     from bodyimage_kin.metrics import probes as probes
@@ -71,6 +74,8 @@ _PUBLIC = {
     "VirtualScreen": "body:VirtualScreen",
     "backends": "backends",
     "body_image": "body_image",
+    "calibrate": "calibration:calibrate",
+    "calibration": "calibration",
     "embodiments": "body.file:embodiments",
     "errors": "errors",
     "estimators": "estimators",
@@ -82,6 +87,7 @@ _PUBLIC = {
     "load_learned": "estimators:load_learned",
     "metrics": "metrics",
     "motions": "recordings.motions",
+    "next_postures": "calibration:next_postures",
     "probes": "metrics.probes",
     "published": "published",
     "read_recording": "recordings:read_recording",

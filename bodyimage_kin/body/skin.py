@@ -116,6 +116,21 @@ class Skin:
             root_T_link=root_T_link,
         )
 
+    def moved(self, link_T_skin: Float[np.ndarray, "4 4"]) -> Skin:
+        """The same taxels, all moved on their link as one.
+
+        Args:
+            link_T_skin: Where the frame is that they were given in, in the link [m].
+        """
+        points = self.link_positions @ link_T_skin[:3, :3].T + link_T_skin[:3, 3]
+        normals = self.link_normals @ link_T_skin[:3, :3].T
+        rotation, position = self.root_T_link[:3, :3], self.root_T_link[:3, 3]
+        return replace(
+            self,
+            positions=torch.from_numpy(points) @ rotation.T + position,
+            normals=torch.from_numpy(normals) @ rotation.T,
+        )
+
     def at(self, root_T_link: Float[Tensor, "4 4"]) -> Skin:
         """The same skin, its link elsewhere; itself when that is where it is already."""
         if torch.equal(root_T_link, self.root_T_link):

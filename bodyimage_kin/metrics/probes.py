@@ -48,7 +48,7 @@ _CHUNK = 50_000
 class HasPostures(Protocol):
     """What counts as a probe: all that is asked of a :class:`Probe`."""
 
-    def postures(self, body: Embodiment, seen: xr.Dataset) -> ArrayLike:
+    def postures(self, body: Embodiment, seen: xr.Dataset | None) -> ArrayLike:
         """As :meth:`Probe.postures`."""
 
 
@@ -56,7 +56,7 @@ class Probe(abc.ABC):
     """A frozen spec of the postures at which a learned Jacobian is scored."""
 
     @abc.abstractmethod
-    def postures(self, body: Embodiment, seen: xr.Dataset) -> ArrayLike:
+    def postures(self, body: Embodiment, seen: xr.Dataset | None) -> ArrayLike:
         """The postures; pure: the same body and recording, the same bits.
 
         Args:
@@ -72,13 +72,15 @@ class Probe(abc.ABC):
 class Training(Probe):
     """The postures of what was learned from: the true ones where the recording has a truth, else the felt ones."""
 
-    def postures(self, body: Embodiment | None, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+    def postures(self, body: Embodiment | None, seen: xr.Dataset | None) -> Float[Tensor, "postures p"]:
         """All finite postures of all trials, in order; where there is a body, of its joints.
 
         Raises:
             InvalidRecording: A recording without postures, or of other joints.
             UnknownName: A joint that the body does not feel.
         """
+        if seen is None:
+            raise InvalidRecording("the training postures are those of a recording; give what was learned from")
         return torch.from_numpy(_training_postures(seen, body))
 
 
@@ -95,7 +97,7 @@ class Face(Probe):
     def __post_init__(self) -> None:
         object.__setattr__(self, "distance", number("distance", self.distance, least=0.0))
 
-    def postures(self, body: Embodiment, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+    def postures(self, body: Embodiment, seen: xr.Dataset | None) -> Float[Tensor, "postures p"]:
         """One a taxel, in their order; whatever was seen.
 
         Raises:
@@ -122,7 +124,7 @@ class JointSpace(Probe):
         object.__setattr__(self, "count", whole("count", self.count, least=1))
         object.__setattr__(self, "seed", whole("seed", self.seed, least=0))
 
-    def postures(self, body: Embodiment, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+    def postures(self, body: Embodiment, seen: xr.Dataset | None) -> Float[Tensor, "postures p"]:
         """The postures; those of fewer are the first ones of more.
 
         Raises:
@@ -131,13 +133,15 @@ class JointSpace(Probe):
         return _joint_space(body, self.count, self.seed)
 
 
-def probe_postures(probe: HasPostures | object, body: Embodiment, seen: xr.Dataset) -> Float[Tensor, "postures p"]:
+def probe_postures(
+    probe: HasPostures | object, body: Embodiment, seen: xr.Dataset | None
+) -> Float[Tensor, "postures p"]:
     """The postures of any probe, known to be such.
 
     Args:
         probe: One of ours, or anybody's.
         body: The embodiment.
-        seen: The recording that is learned from.
+        seen: The recording that is learned from; None: nothing was seen.
 
     Raises:
         InvalidConfig: Not a probe.

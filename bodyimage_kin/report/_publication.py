@@ -19,6 +19,7 @@ from bodyimage_kin.report._results import HEADLINE, learned, names_of, probe_of_
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.scores import PARTS
+from bodyimage_kin.study.summary import markdown_table, plain_markdown
 
 _OTHERS = (
     "relative_error", "scale_free_error", "displacement_error", "trajectory_rmse", "touch_trajectory_rmse", "map_error",
@@ -142,17 +143,12 @@ def _table(numbers: Mapping[str, Any]) -> str:
         *(_COLUMNS[score][0] for score in columns),
     ]
     for place, rows in numbers["scores"].items():
-        lines += [
-            "",
-            f"### {_plain(figures.label(place))}",
-            "",
-            _line(head),
-            _line(["---"] + ["---:"] * (len(head) - 1)),
-        ]
+        found = []
         for name, row in sorted(rows.items(), key=lambda item: _sortable(item[1][HEADLINE][last]["mean"])):
             done = row[HEADLINE][last]["recordings"]
             some = f" ({done:.0f} of {numbers['seeds']})" if done < numbers["seeds"] else ""
-            lines.append(_line([figures.label(name) + some, *_cells(row, probes, last, columns)]))
+            found.append([figures.label(name) + some, *_cells(row, probes, last, columns)])
+        lines += ["", f"### {plain_markdown(figures.label(place))}", "", markdown_table(head, found)]
     lines += ["", "; ".join(f"*{_COLUMNS[score][0]}*: {_COLUMNS[score][2]}" for score in columns) + "."]
     said = ", ".join(f"{name} {version}" for name, version in numbers["versions"].items())
     return "\n".join([*lines, "", f"Versions: {said}.", ""])
@@ -191,13 +187,3 @@ def _number(value: float | None, factor: float = 1.0) -> str:
 def _interval(one: Mapping[str, Any]) -> str:
     lower, upper = one["lower"], one["upper"]
     return "" if lower is None or upper is None else f" [{_number(lower)}, {_number(upper)}]"
-
-
-def _line(cells: list[str]) -> str:
-    return f"| {' | '.join(_plain(cell) for cell in cells)} |"
-
-
-def _plain(name: str) -> str:
-    """A user's name in Markdown: neither a column of its own nor HTML."""
-    escaped = name.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|")
-    return " ".join(escaped.split())

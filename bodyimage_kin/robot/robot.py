@@ -20,9 +20,9 @@ import torch
 from jaxtyping import Float64
 
 from bodyimage_kin import _checks
-from bodyimage_kin._arrays import ArrayLike, as_postures, refuse_not_finite
+from bodyimage_kin._arrays import ArrayLike, as_float_array, as_postures, refuse_not_finite
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, UnknownName
-from bodyimage_kin.robot import _source, dh
+from bodyimage_kin.robot import _source, dh, transforms
 from bodyimage_kin.robot.geometry import LinkGeometry
 from bodyimage_kin.robot.reader import read_urdf
 from bodyimage_kin.robot.tree import Joint, KinematicTree, Mimic, welded, write_core
@@ -339,6 +339,25 @@ class Robot:
         return self._with_joints(
             [self._welded(joint, q, moving) for joint in self.tree.joints if joint.name in kept],
         )
+
+    def with_origins(self, origins: Mapping[str, ArrayLike]) -> Robot:
+        """The robot with other joint origins: full 6D poses, which every reader of URDF understands.
+
+        Args:
+            origins: Joint -> (4, 4) where the child's frame is in the parent's at value zero [m].
+
+        Raises:
+            UnknownName: A joint that does not exist.
+            InvalidArray: No 4x4 transforms.
+        """
+        joints = {joint.name: joint for joint in self.tree.joints}
+        for name, origin in origins.items():
+            if name not in joints:
+                raise UnknownName("joint", name, joints)
+            pose = as_float_array(origin, f"origin of joint '{name}'", shapes=((4, 4),))
+            x, y, z = pose[:3, 3].tolist()
+            joints[name] = replace(joints[name], xyz=(x, y, z), rpy=transforms.matrix_rpy(pose[:3, :3]))
+        return self._with_joints(list(joints.values()))
 
     def reordered(self, joints: Sequence[str]) -> Robot:
         """The same robot with another order of q; itself when that is its order already.

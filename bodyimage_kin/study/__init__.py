@@ -7,7 +7,7 @@ from bodyimage_kin.study.results import read_study, recording_of
 from bodyimage_kin.study.scores import SCORES
 from bodyimage_kin.study.scoring import PROBES, score
 from bodyimage_kin.study.study import Study
-from bodyimage_kin.study.summary import chain, compare, failures, markdown, summarise
+from bodyimage_kin.study.summary import chain, compare, failures, markdown_table, summarise
 
 __all__ = [
     "FACTS",
@@ -23,7 +23,7 @@ __all__ = [
     "chain",
     "compare",
     "failures",
-    "markdown",
+    "markdown_table",
     "read_study",
     "recording_of",
     "score",

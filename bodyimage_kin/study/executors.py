@@ -11,6 +11,7 @@ seconds), and that a script needs no ``if __name__ == "__main__":`` (there it en
 
 from __future__ import annotations
 
+import abc
 import contextlib
 import functools
 import io
@@ -72,11 +73,7 @@ def submit(executor: Executor, call: Call) -> Future[Any]:
 
     Where nothing can be killed, in this process and on executors of others, a call is given up once its time is over.
     """
-    if isinstance(executor, KillablePool | InProcess):
-        return executor.hand_out(call)
-    if type(executor).__module__.partition(".")[0] == "distributed":
-        return executor.submit(in_child, call)
-    return executor.submit(here, call)
+    return executor.hand_out(call) if isinstance(executor, Ours) else executor.submit(here, call)
 
 
 def was_lost(problem: BaseException) -> bool:
@@ -84,12 +81,45 @@ def was_lost(problem: BaseException) -> bool:
     return isinstance(problem, CancelledError) or type(problem).__module__.partition(".")[0] in ("distributed", "dask")
 
 
-class InProcess(Executor):
-    """Works at once, in this process."""
+class Ours(Executor, abc.ABC):
+    """An executor that takes calls."""
+
+    @abc.abstractmethod
+    def hand_out(self, call: Call) -> Future[Any]:
+        """A call that begins as soon as somebody is free."""
 
     def submit(self, work: Callable[..., Any], /, *arguments: Any, **keywords: Any) -> Future[Any]:
-        """Calls and waits. See :meth:`concurrent.futures.Executor.submit`."""
+        """Without a time limit. See :meth:`concurrent.futures.Executor.submit`."""
         return self.hand_out(Call(functools.partial(work, **keywords), arguments))
+
+    @property
+    def gone(self) -> bool:
+        """Whether nobody will ever answer."""
+        return False
+
+
+class OnDask(Ours):
+    """Works on a Dask cluster, each call in a child of a worker.
+
+    Args:
+        client: Of the cluster.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client, self._executor = client, client.get_executor(pure=False)
+
+    def hand_out(self, call: Call) -> Future[Any]:
+        """See :class:`Ours`."""
+        return self._executor.submit(in_child, call)
+
+    @property
+    def gone(self) -> bool:
+        """Whether the scheduler is lost: what waits for it then waits for ever."""
+        return self._client.status in ("closing", "closed")
+
+
+class InProcess(Ours):
+    """Works at once, in this process."""
 
     def hand_out(self, call: Call) -> Future[Any]:
         """A call that is done when this returns."""
@@ -103,7 +133,7 @@ class InProcess(Executor):
         return future
 
 
-class KillablePool(Executor):
+class KillablePool(Ours):
     """Processes, each of which can be killed without harm to the others.
 
     Args:
@@ -117,12 +147,6 @@ class KillablePool(Executor):
         self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(count)]
         for thread in self._threads:
             thread.start()
-
-    def submit(self, work: Callable[..., Any], /, *arguments: Any, **keywords: Any) -> Future[Any]:
-        """Without a time limit. See :meth:`concurrent.futures.Executor.submit`."""
-        if keywords:
-            raise TypeError("a pool of ours takes arguments by position alone")
-        return self.hand_out(Call(work, arguments))
 
     def hand_out(self, call: Call) -> Future[Any]:
         """A call that begins as soon as a process is free."""
@@ -188,10 +212,10 @@ def executor(chosen: Any = None, workers: int | None = None) -> Iterator[Executo
     if isinstance(chosen, Executor):
         yield chosen
     elif hasattr(chosen, "get_executor"):
-        yield chosen.get_executor(pure=False)
+        yield OnDask(chosen)
     elif isinstance(chosen, str) and "://" in chosen:
         with _dask_client(chosen) as client:
-            yield client.get_executor(pure=False)
+            yield OnDask(client)
     elif chosen == "in-process":
         yield InProcess()
     elif chosen is None:

@@ -20,6 +20,8 @@ _IN_FLIGHT = 256
 _TRIES = 5
 """How often a task is handed out whose worker is lost, or whose recordings are damaged."""
 
+_LOOK = 5.0
+"""Time after which it is asked whether anybody is still at work [s]."""
 _KEPT = "what is finished is kept, run the study again"
 
 
@@ -85,11 +87,14 @@ def work_off(
                     pending[executors.submit(executor, _call(task, rows, store, limit, twice))] = task
                 except Exception as problem:
                     raise ExecutorLost(f"nobody is left to work ({said(problem)}); {_KEPT}") from None
-            for future in wait(pending, return_when=FIRST_COMPLETED).done if pending else ():
+            finished = wait(pending, _LOOK, FIRST_COMPLETED).done if pending else ()
+            if not finished and isinstance(executor, executors.Ours) and executor.gone:
+                raise ExecutorLost(f"the scheduler is lost; {_KEPT}")
+            for future in finished:
                 task = pending.pop(future)
-                more, finished = _taken(store, task, rows, future)
+                more, count = _taken(store, task, rows, future)
                 tasks.extendleft(reversed(more))
-                done += finished
+                done += count
                 report(done, total)
     finally:
         for future in pending:

@@ -184,20 +184,21 @@ def failures(results: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
-def markdown(head: Sequence[str], rows: Sequence[Sequence[object]], words: int = 1) -> str:
+def markdown_table(head: Sequence[str], rows: Sequence[Sequence[object]], words: int = 1) -> str:
     """A table as Markdown.
 
     Args:
         head: Of each column.
-        rows: Cells, as they are to be read; what would end a cell is escaped.
+        rows: Cells, as they are to be read: what would end one, or begin HTML, is escaped.
         words: How many columns are of words, flush left; the others are of numbers, flush right.
     """
-
-    def line(cells: Sequence[object]) -> str:
-        return "| " + " | ".join(" ".join(str(cell).split()).replace("|", "\\|") for cell in cells) + " |"
-
     rule = ["---"] * words + ["---:"] * (len(head) - words)
-    return "\n".join([line(head), line(rule), *map(line, rows)])
+    return "\n".join(f"| {' | '.join(map(plain_markdown, cells))} |" for cells in (head, rule, *rows))
+
+
+def plain_markdown(cell: object) -> str:
+    """Text, a user's name say, as Markdown shows it: neither a column of its own nor HTML."""
+    return " ".join(str(cell).replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").split())
 
 
 def _score(results: xr.Dataset, score: str) -> xr.DataArray:

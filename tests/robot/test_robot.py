@@ -17,6 +17,7 @@ from robots import ARM, ONE_JOINT, STATUE, TRICKY, infant, postures, tricky
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidURDF, UnknownName
+from bodyimage_kin.robot import transforms
 
 
 def test_a_path_a_string_and_bytes_give_the_same_robot(tmp_path):
@@ -271,3 +272,21 @@ def test_one_joint_and_none():
     assert statue.joint_names == ()
     assert statue.named([]) == {}
     assert statue.lower.shape == (0,)
+
+
+def test_other_origins_are_read_back_as_they_were_given():
+    robot = infant()
+    rng = np.random.default_rng(0)
+    origins = {}
+    for joint in robot.tree.joints[:9]:
+        pose = transforms.transform(transforms.rpy_matrix(rng.uniform(-3, 3, 3).tolist()), rng.standard_normal(3))
+        origins[joint.name] = pose
+    moved = robot.with_origins(origins)
+    again = bk.Robot.from_urdf(moved.to_urdf())
+    for one in (moved, again):
+        for joint in one.tree.joints:
+            wanted = origins.get(joint.name, next(j.origin for j in robot.tree.joints if j.name == joint.name))
+            np.testing.assert_allclose(joint.origin, wanted, atol=5e-15)
+    assert moved.geometry == robot.geometry
+    with pytest.raises(UnknownName, match="joint"):
+        robot.with_origins({"no such joint": np.eye(4)})

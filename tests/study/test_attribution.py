@@ -9,7 +9,7 @@ import torch
 import bodyimage_kin as bk
 from bodyimage_kin import metrics
 from bodyimage_kin.body.file import embodiment_folder
-from bodyimage_kin.published.fuke2007 import PARTS
+from bodyimage_kin.study.scores import PARTS
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import scipy.stats
 import xarray as xr
 
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.study import chain, markdown
+from bodyimage_kin.study import chain, markdown_table
 
 ESTIMATORS = ["a", "b", "c", "d"]
 
@@ -133,5 +133,5 @@ def test_embodiments_stand_alone_and_nonsense_is_refused(error):
 
 
 def test_a_table_is_read_as_a_table_whatever_its_cells_say():
-    found = markdown(["name", "a"], [["x|y", 1.5], ["two\nlines", ""]]).splitlines()
+    found = markdown_table(["name", "a"], [["x|y", 1.5], ["two\nlines", ""]]).splitlines()
     assert found == ["| name | a |", "| --- | ---: |", "| x\\|y | 1.5 |", "| two lines |  |"]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -17,8 +19,9 @@ import xarray as xr
 from bodyimage_kin.errors import InvalidConfig, MissingDependency
 from bodyimage_kin.estimators import LeastSquares
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
-from bodyimage_kin.study import Simulation, Study, executors, summary
+from bodyimage_kin.study import Simulation, Study, executors, read_study, summary
 from bodyimage_kin.study.executors import Call
+from bodyimage_kin.study.results import MISSING
 
 WAYS = ("raises", "nan", "shape", "sleeps", "dies")
 
@@ -262,3 +265,26 @@ def test_children_end_with_the_driver_however_that_ends(by, tmp_path):
             time.sleep(0.1)
     finally:
         process.kill()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_lost_scheduler_is_called_so_and_what_is_finished_is_kept(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    still = Simulation(Circle(turns=0.3), RandomTouch(duration=4.0), dynamics=False)
+    rows = {"flat": LeastSquares(), "slow": odd_estimators.Odd("sleeps")}
+    study = Study("infant", {"still": still}, rows, seeds=1, probes=["on_face"])
+    cluster = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)
+
+    def close():
+        with contextlib.suppress(Exception):
+            cluster.close()
+
+    def told(done, total):
+        if done == 2:
+            threading.Thread(target=close, daemon=True).start()
+
+    with pytest.raises(executors.ExecutorLost, match="the scheduler is lost; what is finished is kept"):
+        study.run(tmp_path, cluster.scheduler_address, progress=told)
+    said = read_study(tmp_path)["failure"].squeeze()
+    assert said.values.tolist() == ["", MISSING]

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.published.ambiguities.readings import AMBIGUITIES, Place
-from bodyimage_kin.study import failures
+from bodyimage_kin.study import failures, markdown_table
 from bodyimage_kin.study.statistics import PUBLISHED, holm, interval, sign_flip
 
 __all__ = ["DRAWN", "MEASURES", "Measure", "judge", "markdown", "summarise", "write_summary"]
@@ -144,16 +144,25 @@ def markdown(found: Mapping[str, Any]) -> str:
         motions = list(next(iter(readings.values())))
         several = len(motions) > 1
         head = [f"{one.title}{f', {motion}' if several else ''}" for one in shown for motion in motions]
-        lines += [f"<!-- begin {ambiguity} -->", "", f"| reading | {' | '.join(head)} |"]
-        lines += [f"| --- |{' ---: |' * len(head)}"]
-        for reading, by_motion in readings.items():
-            cells = [
-                _cell(by_motion[motion][name], MEASURES[name].digits, seeds, publishable)
-                for name in found["measures"][ambiguity]
-                for motion in motions
+        rows = [
+            [
+                reading,
+                *(
+                    _cell(by_motion[motion][name], MEASURES[name].digits, seeds, publishable)
+                    for name in found["measures"][ambiguity]
+                    for motion in motions
+                ),
             ]
-            lines.append(f"| {reading} | {' | '.join(cells)} |")
-        lines += ["", f"<!-- end {ambiguity} -->", ""]
+            for reading, by_motion in readings.items()
+        ]
+        lines += [
+            f"<!-- begin {ambiguity} -->",
+            "",
+            markdown_table(["reading", *head], rows),
+            "",
+            f"<!-- end {ambiguity} -->",
+            "",
+        ]
     return "\n".join(lines).rstrip() + "\n"
 
 

@@ -19,7 +19,7 @@ from bodyimage_kin.published.foreknowledge.evaluate import Combination, Score, e
 from bodyimage_kin.published.foreknowledge.grid import CONDITIONS, ESTIMATORS, Condition
 from bodyimage_kin.published.foreknowledge.scores import PREDICTORS, predictors
 from bodyimage_kin.recordings import Noise
-from bodyimage_kin.study import failures
+from bodyimage_kin.study import failures, markdown_table
 from bodyimage_kin.study.statistics import Interval
 
 TARGET = 0.85
@@ -138,12 +138,19 @@ def markdown(found: Mapping[str, Any]) -> str:
         "brackets 95 % over recordings. The error is that on the face, or where said over the touch motion. Who is "
         "silent on a whole condition has no score.",
         "",
-        "| predictor | assumes |",
-        "| --- | --- |",
-        *(f"| {label(name)} | {one['assumes']} |" for name, one in found["predictors"].items()),
+        markdown_table(
+            ("predictor", "assumes"), [(label(n), one["assumes"]) for n, one in found["predictors"].items()], words=2
+        ),
     ]
     for estimator, one in found["estimators"].items():
-        lines += ["", f"## {label(estimator)}", "", verdict(found, estimator), "", *_rows(one["predictors"])]
+        lines += [
+            "",
+            f"## {label(estimator)}",
+            "",
+            verdict(found, estimator),
+            "",
+            markdown_table(_HEAD, _rows(one["predictors"])),
+        ]
         refused = {name: score["refused"] for name, score in one["predictors"].items() if score.get("refused")}
         lines += ["", *(f"- {label(name)} refused first in {words}" for name, words in refused.items())] * bool(refused)
     if found["failed"]:
@@ -186,16 +193,17 @@ _LABELS = {
     MEAN_OF_OTHERS: "geometric mean of the other conditions",
 }
 _HEAD = (
-    "| predictor | R2 | slope | R2 of logs | R2, single recordings | R2, family out | R2 uncalibrated | "
-    "R2 over the touch motion | the same uncalibrated | rank correlation by posture | R2 by posture | missing |"
-)
+    "predictor", "R2", "slope", "R2 of logs", "R2, single recordings", "R2, family out", "R2 uncalibrated",
+    "R2 over the touch motion", "the same uncalibrated", "rank correlation by posture", "R2 by posture", "missing",
+)  # fmt: skip
 
 
-def _rows(of: Mapping[str, Any]) -> list[str]:
-    found = [_HEAD, "| --- |" + " ---: |" * (_HEAD.count("|") - 2)]
+def _rows(of: Mapping[str, Any]) -> list[list[str]]:
+    found = []
     for name, one in of.items():
         by_posture = one.get("by_posture", {})
         cells = [
+            label(name),
             _ends(one["r2"]),
             # That of the mean of all others is one less their number, whatever was measured.
             "" if name == MEAN_OF_OTHERS else _ends(one["slope"]),
@@ -209,7 +217,7 @@ def _rows(of: Mapping[str, Any]) -> list[str]:
             _number(by_posture.get("r2")),
             str(one.get("missing", "")),
         ]
-        found.append(f"| {label(name)} | " + " | ".join(cells) + " |")
+        found.append(cells)
     return found
 
 

@@ -1,0 +1,48 @@
+"""Clusters of taxels that were felt at once: one touch is one place, or it is not known where it was."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+import scipy.spatial
+from jaxtyping import Float, Int
+
+__all__ = ["CLUSTER_DISTANCE", "clusters", "touched_place"]
+
+CLUSTER_DISTANCE = 0.015
+"""Taxels nearer than this [m] to one of a cluster belong to it: single linkage."""
+
+
+def clusters(
+    positions: Float[np.ndarray, "taxels 3"], active: Int[np.ndarray, "count"], distance: float = CLUSTER_DISTANCE
+) -> list[Int[np.ndarray, "members"]]:
+    """Active taxels by cluster, the largest first; of two as large, the one with the lowest taxel first.
+
+    Args:
+        positions: Where every taxel is [m].
+        active: Numbers of those that were felt, each once.
+        distance: Single linkage below this [m].
+    """
+    taxels = np.unique(active)
+    if len(taxels) < 2:
+        return [taxels] if len(taxels) else []
+    near = scipy.spatial.distance.cdist(positions[taxels], positions[taxels]) < distance
+    count, label = scipy.sparse.csgraph.connected_components(near.astype(float), directed=False)
+    found = [taxels[label == one] for one in range(count)]
+    return sorted(found, key=lambda one: (-len(one), int(one[0])))
+
+
+def touched_place(
+    positions: Float[np.ndarray, "taxels 3"], active: Int[np.ndarray, "count"], distance: float = CLUSTER_DISTANCE
+) -> Int[np.ndarray, "members"] | None:
+    """The largest cluster of active taxels; None where nothing was felt, or no cluster is the single largest.
+
+    Args:
+        positions: Where every taxel is [m].
+        active: Numbers of those that were felt; -1 for none.
+        distance: Single linkage below this [m].
+    """
+    found = clusters(positions, active[active >= 0], distance)
+    if not found or (len(found) > 1 and len(found[0]) == len(found[1])):
+        return None
+    return found[0]

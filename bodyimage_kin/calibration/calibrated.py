@@ -1,0 +1,269 @@
+"""A calibrated body: what was found, how sure it is, what remains unknown, and in words what it is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from bodyimage_kin._arrays import ArrayLike, as_float_array
+from bodyimage_kin.body import Camera, Embodiment
+from bodyimage_kin.calibration.observability import observability_indices, unobservable
+from bodyimage_kin.calibration.prior import Prior
+from bodyimage_kin.calibration.problem import Problem
+from bodyimage_kin.estimators.map_fit import Fit
+from bodyimage_kin.estimators.parametric import Group, Parameter
+from bodyimage_kin.robot import Robot
+
+__all__ = ["Calibrated", "HeldOut"]
+
+_EXPLAINED = 0.5
+"""A fit whose held-out error is above this share of what the observations spread explains nothing."""
+_MOVES = 0.02
+"""A joint that moves less than this [rad or m] tells nothing of what is before it."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Errors of observations that a fit did not see.
+
+    Attributes:
+        errors: Of each kind of evidence, (rows,) distance from what was observed [its unit].
+        blocks: Of each kind, (rows,) the block that was hidden when it was judged.
+    """
+
+    errors: tuple[Float[np.ndarray, "_"], ...]
+    blocks: tuple[Int[np.ndarray, "_"], ...]
+
+    @property
+    def medians(self) -> Float[np.ndarray, "terms"]:
+        """Median error of each kind [its unit]."""
+        return np.array([float(np.median(one)) for one in self.errors])
+
+    def by_block(self, term: int = 0) -> Float[np.ndarray, "blocks"]:
+        """Median error of each block [unit of that kind].
+
+        Args:
+            term: Which kind of evidence.
+        """
+        errors, blocks = self.errors[term], self.blocks[term]
+        return np.array([float(np.median(errors[blocks == block])) for block in np.unique(blocks)])
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A body fitted to what was observed of it. See :func:`bodyimage_kin.calibrate`.
+
+    Attributes:
+        problem: The body as it was thought to be, and the evidence.
+        prior: How far its measures might have been off.
+        groups: Kinds of parameters that were fitted.
+        fit: Where the posterior has its mode, and how wide it is there.
+        held_out: Errors of what each fit did not see.
+        nominal: The same of the body as it was thought to be, a tracker's frame and planes fitted alone.
+    """
+
+    problem: Problem
+    prior: Prior
+    groups: tuple[Group, ...]
+    fit: Fit
+    held_out: HeldOut
+    nominal: HeldOut
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every measure that may be off, fitted or not."""
+        return self.problem.parametric.parameters
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
+        """Of the posterior, zero where a measure was held; wider by the reduced chi-square where noise was unknown."""
+        wider = 1.0 if self.fit.stated else max(self.fit.chi2, 1.0)
+        return self.fit.covariance * wider
+
+    @cached_property
+    def body(self) -> Embodiment:
+        """The body that was found."""
+        return self.at(self.fit.theta)
+
+    @property
+    def robot(self) -> Robot:
+        """Its robot: every joint that was fitted has its full 6D origin, which any reader of URDF understands."""
+        return self.body.robot
+
+    @property
+    def free(self) -> int:
+        """Number of measures that were fitted."""
+        return int(self.fit.free.sum())
+
+    def at(self, theta: ArrayLike) -> Embodiment:
+        """The body with other values of its measures.
+
+        Args:
+            theta: (parameters,) in the order of :attr:`parameters`, zero for what is as it was thought to be.
+        """
+        values = as_float_array(theta, "theta", shapes=((len(self.parameters),),))
+        body, parametric = self.problem.body, self.problem.parametric
+        mounts = parametric.mounted(values)
+        point = _moved(mounts.get("hand"), body.hand.offset.numpy())
+        hand = replace(body.hand, offset=torch.from_numpy(point))
+        skin = body.skin.moved(mounts["skin"]) if body.skin is not None and "skin" in mounts else body.skin
+        robot = body.robot.with_origins(parametric.corrected(values))
+        return Embodiment.build(
+            robot,
+            joints=body.joints,
+            hand=hand,
+            camera=self._camera(values, mounts),
+            skin=skin,
+            home=body.home,
+            name=body.name,
+            backend=body.kinematics.name,
+        )
+
+    def _camera(
+        self, values: Float[np.ndarray, "parameters"], mounts: Mapping[str, Float[np.ndarray, "4 4"]]
+    ) -> Camera:
+        """The body's own camera, where it was one of those that saw."""
+        camera = self.problem.body.camera
+        for mount in self.problem.parametric.mounts:
+            if (
+                mount.group == "camera"
+                and mount.link == camera.link
+                and np.array_equal(mount.link_T_mount, camera.link_T_camera)
+            ):
+                intrinsics = self.problem.intrinsics[mount.name]
+                count = len(intrinsics.parameters)
+                first = self.parameters.index(intrinsics.parameters[0]) if count else 0
+                return Camera(
+                    camera.link, torch.from_numpy(mounts[mount.name]), intrinsics.at(values[first : first + count])
+                )
+        return camera
+
+    def draws(self, count: int, seed: int = 0) -> list[Embodiment]:
+        """Bodies drawn from the posterior (normal about its mode).
+
+        Args:
+            count: How many.
+            seed: Same seed, same bodies.
+        """
+        return [self.at(theta) for theta in self.thetas(count, seed)]
+
+    def thetas(self, count: int, seed: int = 0) -> Float[np.ndarray, "count parameters"]:
+        """Measures drawn from the posterior, as :meth:`at` takes them."""
+        free = self.fit.free
+        values, vectors = np.linalg.eigh(self.covariance[np.ix_(free, free)])
+        root = vectors * np.sqrt(values.clip(min=0.0))
+        normal = np.random.default_rng(seed).standard_normal((count, int(free.sum())))
+        found = np.tile(self.fit.theta, (count, 1))
+        found[:, free] += normal @ root.T
+        return found
+
+    @cached_property
+    def unobservable(self) -> tuple[str, ...]:
+        """Measures that the evidence does not tell, in words, the least told first."""
+        return unobservable(self.fit, self.parameters)
+
+    @cached_property
+    def observability(self) -> dict[str, float]:
+        """O1 to O5 (Joubair and Bonev 2013)."""
+        return observability_indices(self.fit)
+
+    @property
+    def chi2(self) -> float:
+        """Reduced chi-square; by construction about one where the noise was estimated."""
+        return self.fit.chi2
+
+    @property
+    def residuals(self) -> dict[str, Float[np.ndarray, "rows m"]]:
+        """What the fit leaves of each kind of evidence [its unit]."""
+        return {_label(self.problem, index): one for index, one in enumerate(self.fit.residuals)}
+
+    def residuals_by_region(self, joint: str, parts: int = 4) -> dict[str, Float[np.ndarray, "parts"]]:
+        """Median residual of each kind in parts of a joint's range, of as many samples each.
+
+        Args:
+            joint: Name of a felt joint.
+            parts: How many.
+        """
+        column = self.problem.body.joints.index(joint)
+        found = {}
+        for index, (term, left) in enumerate(zip(self.problem.terms, self.fit.residuals, strict=True)):
+            order = np.argsort(term.q[:, column], kind="stable")  # type: ignore[attr-defined]
+            size = np.linalg.norm(left, axis=1)
+            found[_label(self.problem, index)] = np.array(
+                [np.median(size[part]) for part in np.array_split(order, parts) if len(part)]
+            )
+        return found
+
+    @cached_property
+    def still(self) -> tuple[str, ...]:
+        """Joints that hardly moved in all that was observed."""
+        q = np.concatenate([term.q for term in self.problem.terms])  # type: ignore[attr-defined]
+        spread = q.max(0) - q.min(0)
+        return tuple(name for name, one in zip(self.problem.body.joints, spread, strict=True) if one < _MOVES)
+
+    @property
+    def explains(self) -> bool:
+        """Whether what was held out is foreseen better than by its own mean."""
+        return all(
+            float(np.median(errors)) <= _EXPLAINED * _spread(term)
+            for term, errors in zip(self.problem.terms, self.held_out.errors, strict=True)
+        )
+
+    @property
+    def verdict(self) -> str:
+        """One sentence for a person: is this body worth more than the one it was thought to be, and how sure is it?"""
+        count = sum(len(one) for one in self.held_out.errors)
+        errors = "; ".join(
+            f"{_label(self.problem, index)}: {_size(new, _unit(term))} held out, {_size(old, _unit(term))} before"
+            for index, (term, new, old) in enumerate(
+                zip(self.problem.terms, self.held_out.medians, self.nominal.medians, strict=True)
+            )
+        )
+        if not self.explains:
+            return (
+                f"This fit explains nothing: what it did not see is no better foreseen than by the mean ({errors}). "
+                "Are joints in radians, images in the camera's unit, and is it this body?"
+            )
+        said = f"{self.free} measures from {count} observations; {errors}"
+        if self.still:
+            return f"{said}. {', '.join(self.still)} hardly moved, so the fit says nothing of other postures of theirs."
+        if (self.held_out.medians > self.nominal.medians).any():
+            return f"{said}. The body as it was thought to be foresees better: keep that one."
+        if self.unobservable:
+            return f"{said}. {len(self.unobservable)} directions are known from the prior alone."
+        return f"{said}. Everything fitted is told by what was observed."
+
+    def __repr__(self) -> str:
+        return f"Calibrated({self.problem.body.name!r}, {self.free} measures; {self.verdict})"
+
+
+def _moved(pose: Float[np.ndarray, "4 4"] | None, point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    return point if pose is None else pose[:3, :3] @ point + pose[:3, 3]
+
+
+def _label(problem: Problem, index: int) -> str:
+    names = [term.name for term in problem.terms]
+    name = names[index]
+    return name if names.count(name) == 1 else f"{name} {names[: index + 1].count(name)}"
+
+
+def _unit(term: object) -> str:
+    intrinsics = getattr(term, "intrinsics", None)
+    return intrinsics.model.unit if intrinsics is not None else "m"
+
+
+def _size(value: float, unit: str) -> str:
+    return f"{1e3 * value:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
+
+
+def _spread(term: object) -> float:
+    """Median distance of the observations from their middle [their unit]; inf of what has none, such as planes."""
+    observed = getattr(term, "image", getattr(term, "observed", getattr(term, "target", None)))
+    if observed is None:
+        return float("inf")
+    return float(np.nanmedian(np.linalg.norm(observed - np.nanmedian(observed, axis=0), axis=1)))
