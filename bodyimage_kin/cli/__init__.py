@@ -5,9 +5,12 @@ Nothing heavy is imported before a command runs, so that ``--help`` answers at o
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -196,10 +199,38 @@ def main(arguments: list[str] | None = None) -> int:
         args=arguments,
     )
     try:
-        return int(command())
+        with _ended_by(signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
+            return int(command())
     except BodyImageKinError as problem:
         print(f"bodyimage-kin: {problem}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as end:
         print("bodyimage-kin: interrupted; what is finished is kept", file=sys.stderr)
-        return 130
+        return 128 + (end.number if isinstance(end, _Ended) else signal.SIGINT)
+
+
+class _Ended(KeyboardInterrupt):
+    """A signal asks for the end, as Ctrl-C does."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+@contextmanager
+def _ended_by(*numbers: int) -> Iterator[None]:
+    """Lets signals end what runs as Ctrl-C does: what it began is ended too; those that are ignored (nohup) stay so."""
+
+    def end(number: int, frame: object) -> None:
+        raise _Ended(number)
+
+    before = {number: signal.getsignal(number) for number in numbers}
+    caught = [number for number, how in before.items() if how is signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        caught = []
+    for number in caught:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in caught:
+            signal.signal(number, before[number])

@@ -65,7 +65,7 @@ def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path
     """The triangles of a mesh file, scaled [m]; see :func:`triangulate`."""
     import trimesh
 
-    path = _find(mesh.filename, link, file and file.parent, mesh_folder)
+    path = _find(mesh.filename, link, file and file.absolute().parent, mesh_folder)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -247,7 +247,12 @@ def test_children_end_with_the_driver_however_that_ends(by, tmp_path):
     # No `if __name__ == "__main__":` either: a plain script runs a study.
     script = tmp_path / "script.py"
     script.write_text(HUNG.format(tests=str(Path(__file__).parents[1]), out=str(tmp_path / "out")))
-    process = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
+    end_with_children([sys.executable, str(script)], by, tmp_path)
+
+
+def end_with_children(command, by, tmp_path):
+    """Ends a study that hangs, once it does; the exit status, and what it said."""
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1])
     try:
         deadline = time.monotonic() + 90
         while not (tmp_path / "out/facts/infant/still/block0.part").exists():
@@ -258,13 +263,30 @@ def test_children_end_with_the_driver_however_that_ends(by, tmp_path):
         children = children_of(process.pid)
         assert len(children) == 2
         process.send_signal(by)
-        process.wait(10)
+        said = process.communicate(timeout=10)[1]
         deadline = time.monotonic() + 5
         while alive := [one for one in children if Path(f"/proc/{one}").exists()]:
             assert time.monotonic() < deadline, alive
             time.sleep(0.1)
+        return process.returncode, said
     finally:
         process.kill()
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="asks /proc")
+@pytest.mark.parametrize(("by", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)])
+def test_the_command_ends_in_one_line_with_its_children(by, status, tmp_path):
+    (tmp_path / "study.toml").write_text(
+        'seeds = 1\nembodiments.infant = "infant"\nprobes.on_face = "on_face"\n'
+        'estimators.a = {"odd_estimators:Odd" = {way = "sleeps"}}\n'
+        'estimators.b = {"odd_estimators:Odd" = {way = "spins"}}\n'
+        "[recordings.still]\ntraining.Circle = {turns = 0.3}\nuse.RandomTouch = {duration = 4.0}\ndynamics = false\n"
+    )
+    command = [sys.executable, "-m", "bodyimage_kin.cli", "study", str(tmp_path / "study.toml"), "--workers", "2"]
+    found, said = end_with_children([*command, "--out", str(tmp_path / "out")], by, tmp_path)
+    assert found == status
+    assert said.splitlines()[-1] == "bodyimage-kin: interrupted; what is finished is kept"
+    assert "Traceback" not in said
 
 
 @pytest.mark.slow
