@@ -4,7 +4,7 @@ Each trial has its own random streams, spawned from the seed: path, rest posture
 kind of noise on changes nothing else, and a trial is the same however many there are.
 
 Every motion comes without dynamics (the joints follow the hand with the least displacement) and with: an external force
-drags the hand, the arm follows passively (:mod:`bodyimage_kin.recordings.dynamics`).
+drags the hand, the arm follows passively.
 """
 
 from __future__ import annotations
