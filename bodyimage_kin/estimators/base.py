@@ -152,7 +152,7 @@ class Estimator(abc.ABC):
         """Learns from an experience; pure: same experience and seed, same bits.
 
         Args:
-            exp: An experience (:func:`bodyimage_kin.experience`).
+            exp: An experience (:func:`bodyimage_kin.recordings.experience`).
             seed: Of whatever is drawn at random.
 
         Raises:

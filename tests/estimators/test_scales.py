@@ -103,7 +103,7 @@ def test_an_image_has_any_number_of_axes(name, m):
         torch.testing.assert_close(J[:, 2], J[:, 0] + J[:, 1], atol=0.12, rtol=0)
 
 
-@pytest.mark.parametrize("name", [*SPECS, *BODIES])
+@pytest.mark.parametrize("name", [*SPECS, *sorted(BODIES)])
 def test_the_truth_beside_a_recording_is_never_learned_from(name, circle, body):
     quick = {"SelfCalibration": {"starts": 1, "steps": 5}, "Analytic": {}}
     spec = SPECS[name] if name in SPECS else getattr(estimators, name)(body, **quick[name])
