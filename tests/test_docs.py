@@ -38,6 +38,12 @@ assert chosen.q.shape == (10, body.p)
 """
 
 
+FIGURES = """
+assert table["value"].notna().sum() == body.skin.count
+assert {path.suffix for path in __import__("pathlib").Path("figures").iterdir()} == {".svg", ".png", ".csv"}
+"""
+
+
 OWN_ROBOT = """
 assert bk.load_embodiment("my.toml") == body
 assert recording.hand_image.attrs["units"] == "px"
@@ -52,6 +58,7 @@ assert {"training", "joint_space"} <= set(scores.probe.values.tolist())
         pytest.param(DOCS / "quickstart.md", PROMISES, id="quickstart.md"),
         pytest.param(DOCS / "calibration.md", CALIBRATED, id="calibration.md"),
         pytest.param(DOCS / "your_own_robot.md", OWN_ROBOT, id="your_own_robot.md"),
+        pytest.param(DOCS / "api" / "figures.md", FIGURES, id="figures.md"),
     ],
 )
 def test_examples_run_one_after_the_other(page, promises, tmp_path):
