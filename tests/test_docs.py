@@ -38,12 +38,20 @@ assert chosen.q.shape == (10, body.p)
 """
 
 
+OWN_ROBOT = """
+assert bk.load_embodiment("my.toml") == body
+assert recording.hand_image.attrs["units"] == "px"
+assert {"training", "joint_space"} <= set(scores.probe.values.tolist())
+"""
+
+
 @pytest.mark.parametrize(
     ("page", "promises"),
     [
         pytest.param(ROOT / "README.md", PROMISES, id="README.md"),
         pytest.param(DOCS / "quickstart.md", PROMISES, id="quickstart.md"),
         pytest.param(DOCS / "calibration.md", CALIBRATED, id="calibration.md"),
+        pytest.param(DOCS / "your_own_robot.md", OWN_ROBOT, id="your_own_robot.md"),
     ],
 )
 def test_examples_run_one_after_the_other(page, promises, tmp_path):

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -44,7 +45,12 @@ class Finding:
 
 
 def check_embodiment(
-    body: Embodiment, *, paper: bool = False, radius: float = 0.05, distance: float | None = None
+    body: Embodiment,
+    *,
+    paper: bool = False,
+    radius: float = 0.05,
+    distance: float | None = None,
+    mesh_folder: Path | None = None,
 ) -> tuple[Finding, ...]:
     """Looks at a body in seconds: what its joints move, its eye sees and its hand reaches, and which files are there.
 
@@ -55,6 +61,7 @@ def check_embodiment(
         radius: Of the circle that is to be seen [m].
         distance: Of the circle, as in :meth:`Embodiment.circle_frame` [m]; None: 0.03, or, without a skin, the depth at
             which the hand is at home.
+        mesh_folder: Where meshes may lie, subfolders included; None: beside the URDF.
 
     Returns:
         What was found, errors first; nothing of a body that is fit for all.
@@ -71,7 +78,7 @@ def check_embodiment(
         *_circle(body, _checks.flag("paper", paper), radius, distance),
         *_touch(body, paper),
         *_dynamics(body),
-        *_meshes(body),
+        *_meshes(body, mesh_folder),
     ]
     return tuple(sorted(found, key=lambda finding: finding.level != "error"))
 
@@ -216,7 +223,7 @@ def _dynamics(body: Embodiment) -> Iterator[Finding]:
         yield Finding("note", "dynamics", f"the arm cannot be dragged: {said}; simulate with dynamics=False")
 
 
-def _meshes(body: Embodiment) -> Iterator[Finding]:
+def _meshes(body: Embodiment, folder: Path | None) -> Iterator[Finding]:
     """Mesh files that are not there."""
     names, missing = set[str](), dict[str, str]()
     for link, geometry in body.robot.geometry.items():
@@ -225,7 +232,7 @@ def _meshes(body: Embodiment) -> Iterator[Finding]:
             if isinstance(shape, Mesh) and shape.filename not in names:
                 names.add(shape.filename)
                 try:
-                    mesh_path(shape, link, body.robot.file)
+                    mesh_path(shape, link, body.robot.file, folder)
                 except BodyImageKinError as problem:
                     missing[shape.filename] = str(problem)
     if missing:

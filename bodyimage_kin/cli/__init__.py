@@ -195,6 +195,8 @@ class Embodiment:
     """Name of an embodiment, or path of a TOML file."""
     paper: bool = False
     """Hold it to the paper's protocol: the whole circle is seen, and never the hand while it touches."""
+    mesh_folder: Path | None = None
+    """Where meshes may lie, subfolders included; by default beside the URDF."""
 
     def __call__(self) -> int:
         """Runs it."""
@@ -202,7 +204,7 @@ class Embodiment:
         from bodyimage_kin.body.file import load_embodiment
 
         body = load_embodiment(self.file)
-        found = check_embodiment(body, paper=self.paper)
+        found = check_embodiment(body, paper=self.paper, mesh_folder=self.mesh_folder)
         print(body)
         for finding in found:
             print(finding)
