@@ -425,6 +425,12 @@ def _unknown_words() -> list[BadURDF]:
         ),
         spoil("mimic of another standard", spin, "<drake:mimic/>", "<drake:mimic> is not <mimic>", SPIN),
     ]
+    bound = GOOD.replace(robot, '<robot name="arm" xmlns:xacro="urn:other">').replace(tip, "<xacro:arm/>")
+    cases.append(BadURDF("xacro bound elsewhere", bound.encode(), "a leftover <xacro:arm>", "xacro:arm", line_of(tip)))
+    included = GOOD.replace(robot, '<robot name="arm" xmlns:xi="http://www.w3.org/2001/XInclude">')
+    included = included.replace(tip, '<xi:include href="a.urdf"/>')
+    problem = "<xi:include> in <robot> may move links, and is not read; expand it, or leave it out"
+    cases.append(BadURDF("inclusion", included.encode(), problem, "xi:include", line_of(tip)))
     for tag in ("include", "macro", "property", "if", "unless", "insert_block"):
         problem = f"<{tag}> in <robot> is not read; expand the file with xacro"
         cases.append(spoil(f"<{tag}> without a prefix", '<link name="tip"/>', f"<{tag}/>", problem, tag))

@@ -63,8 +63,8 @@ def hessian(jacobian: Float[Tensor, "*batch 6 n"], path: Tensor) -> Float[Tensor
     on_path = torch.cat([linear, angular], dim=-3)
     n = jacobian.shape[-1]
     # Not by matrices of zeros and ones: autocast would round the products.
-    rows = on_path.new_zeros(*on_path.shape[:-2], n, count).index_copy(-2, path, on_path)
-    return rows.new_zeros(*rows.shape[:-1], n).index_copy(-1, path, rows)
+    rows = on_path.new_zeros(*on_path.shape[:-2], n, count).index_add(-2, path, on_path)
+    return rows.new_zeros(*rows.shape[:-1], n).index_add(-1, path, rows)
 
 
 class PoseAndJacobian(torch.autograd.Function):

@@ -163,7 +163,8 @@ class _Builder:
     def _learn_prefixes(self, element: Element) -> None:
         for key, address in element.attributes.items():
             if key.startswith("xmlns:"):
-                self._prefixes[key[6:]] = bool(_XACRO.search(address))
+                # That of xacro itself is known by its name too, whatever a file binds it to.
+                self._prefixes[key[6:]] = key == "xmlns:xacro" or bool(_XACRO.search(address))
 
     def _check_namespace(self, element: Element) -> None:
         address = element.attributes.get("xmlns")
