@@ -40,9 +40,9 @@ COLUMN, PRISMATIC, INTO = range(3)
 
 X, Y, Z, ORIGIN, SIN, COS, ANGLE, ZERO, ONE, SLOTS = 0, 3, 6, 9, 12, 13, 14, 15, 16, 18
 """Rows of the scratch: the moving frame (0 to 11), one joint's angle, constants; from row SLOTS on, a slot a joint."""
-CAMERA, ACROSS, DOWN, AHEAD, IMAGE, DEPTH, IMAGE_SLOTS = 18, 30, 33, 36, 39, 41, 42
-"""Rows that only images need: the camera's frame, the derivative of the image by the hand's place (two rows of three,
-three where the image is the point itself), and the image; beside it the depth, which is the point's third number."""
+CAMERA, ACROSS, DOWN, IMAGE, DEPTH, IMAGE_SLOTS = 18, 30, 33, 36, 38, 39
+"""Rows that only images need: the camera's frame, the derivative of the image by the hand's place, the image and the
+depth. Of a point in the camera's axes these are the frame's own axes, and all three of its numbers."""
 SLOT = 6
 """Rows of a slot: the joint's axis and a point on it, then what they give: its angular and its linear column."""
 
@@ -389,19 +389,18 @@ def _project(s, screen_distance):
             scale * (y1 - y * z1),
             scale * (y2 - y * z2),
         )
-        s[39 * L + i], s[40 * L + i], s[41 * L + i] = screen_distance * x, screen_distance * y, depth
+        s[36 * L + i], s[37 * L + i], s[38 * L + i] = screen_distance * x, screen_distance * y, depth
 
 
 @compiled
 @no_type_check
 def _look(s):
-    """From the hand (moving frame) and the camera's frame: the point in the camera's axes, which is what moves."""
+    """From the hand (moving frame) and the camera's frame: the point in the camera's axes."""
     for i in range(L):
         d0, d1, d2 = s[9 * L + i] - s[27 * L + i], s[10 * L + i] - s[28 * L + i], s[11 * L + i] - s[29 * L + i]
         for row in range(3):
             a, b, c = s[(18 + 3 * row) * L + i], s[(19 + 3 * row) * L + i], s[(20 + 3 * row) * L + i]
-            s[(30 + 3 * row) * L + i], s[(31 + 3 * row) * L + i], s[(32 + 3 * row) * L + i] = a, b, c
-            s[(39 + row) * L + i] = a * d0 + b * d1 + c * d2
+            s[(36 + row) * L + i] = a * d0 + b * d1 + c * d2
 
 
 @compiled
@@ -447,9 +446,9 @@ def _distort(s, lens):
             a * x1 + b * y1 + c * z1,
             a * x2 + b * y2 + c * z2,
         )
-        s[39 * L + i] = fx * (u * scale + p2 * aside) + cx
-        s[40 * L + i] = fy * (v * scale + p1 * aside) + cy
-        s[41 * L + i] = depth
+        s[36 * L + i] = fx * (u * scale + p2 * aside) + cx
+        s[37 * L + i] = fy * (v * scale + p1 * aside) + cy
+        s[38 * L + i] = depth
 
 
 @compiled
@@ -478,29 +477,30 @@ def _point_column(s, v):
     """As :func:`_image_column`, in the camera's axes, into the slot's first three rows."""
     for i in range(L):
         v0, v1, v2 = v[3 * L + i], v[4 * L + i], v[5 * L + i]
-        v[i] = s[30 * L + i] * v0 + s[31 * L + i] * v1 + s[32 * L + i] * v2
-        v[L + i] = s[33 * L + i] * v0 + s[34 * L + i] * v1 + s[35 * L + i] * v2
-        v[2 * L + i] = s[36 * L + i] * v0 + s[37 * L + i] * v1 + s[38 * L + i] * v2
+        v[i] = s[18 * L + i] * v0 + s[19 * L + i] * v1 + s[20 * L + i] * v2
+        v[L + i] = s[21 * L + i] * v0 + s[22 * L + i] * v1 + s[23 * L + i] * v2
+        v[2 * L + i] = s[24 * L + i] * v0 + s[25 * L + i] * v1 + s[26 * L + i] * v2
 
 
 @compiled
 @no_type_check
-def image_and_jacobian(q, aside, hand, camera, joints, lens, jacobian_rows, image, depth, jacobian):
+def image_and_jacobian(q, aside, hand, camera, joints, distance, lens, jacobian_rows, image, depth, jacobian):
     """Image (B, m) and depth (B,) of the hand, and the image's Jacobian (B, m, p), written; nothing is checked.
 
-    What the image is depends on how many numbers the lens has. One: the distance of a virtual screen [m]. Ten: those of
-    a pinhole (:func:`_distort`). None: the image is the hand in the camera's axes itself, m = 3.
+    Without a distance and a lens the image is the hand in the camera's axes itself, m = 3. Each of the three is a
+    function of its own to the compiler, and so is each with ``aside``: what is None is left out.
 
     A joint that carries the camera moves the hand, as seen, like one that carries the hand the other way: its column
     is minus the velocity it would give to the point of the camera's body where the hand is.
 
     Args:
         q: Postures (B, n).
-        aside: (B, 3), from the hand's centre to the observed point, in the hand's link [m]; (0, 3): it is the centre.
+        aside: (B, 3), from the hand's centre to the observed point, in the hand's link [m]; None: it is the centre.
         hand: Constants of the chain to the hand's centre, (m + 2, CONSTANTS), from where the two chains part.
         camera: Constants of the chain to the camera, (c + 2, CONSTANTS).
         joints: (m + c, 3), the hand's first.
-        lens: What projects.
+        distance: Of a virtual screen from the optical centre [m], or None.
+        lens: (10,) of a pinhole, as :func:`_distort` reads it, or None.
         jacobian_rows: (m p,) where in the scratch the rows begin that make up an image Jacobian.
         image: Written [m on the screen, px or m]; a pinhole's is NaN where there is none.
         depth: Written [m]; a screen's image means nothing where it is not positive.
@@ -510,15 +510,19 @@ def image_and_jacobian(q, aside, hand, camera, joints, lens, jacobian_rows, imag
         How many values of q are NaN or infinite, in whatever columns.
     """
     scratch = _scratch(IMAGE_SLOTS + SLOT * joints.shape[0])
-    return _image_blocks(q, aside, hand, camera, joints, lens, jacobian_rows, image, depth, jacobian, scratch)
+    return _image_blocks(q, aside, hand, camera, joints, distance, lens, jacobian_rows, image, depth, jacobian, scratch)
 
 
 @compiled
 @no_type_check
-def _image_blocks(q, aside, hand, camera, joints, lens, jacobian_rows, image, depth, jacobian, scratch):
+def _image_blocks(q, aside, hand, camera, joints, distance, lens, jacobian_rows, image, depth, jacobian, scratch):
     """As :func:`_pose_blocks`."""
     m = hand.shape[0] - 2
-    rows = image.shape[1]
+    rows = 3
+    if distance is not None:
+        rows = 2
+    if lens is not None:
+        rows = 2
     s = _view(scratch, 0, IMAGE_SLOTS * L)
     not_finite = 0
     for first in range(0, q.shape[0], L):
@@ -528,11 +532,11 @@ def _image_blocks(q, aside, hand, camera, joints, lens, jacobian_rows, image, de
         for i in range((ORIGIN + 3) * L):
             s[CAMERA * L + i] = s[i]
         _run(q, first, count, hand, joints[:m], scratch, IMAGE_SLOTS)
-        if aside.shape[0] > 0:
+        if aside is not None:
             _move(s, aside, first, count)
-        if lens.shape[0] == 1:
-            _project(s, lens[0])
-        elif lens.shape[0] > 1:
+        if distance is not None:
+            _project(s, distance)
+        elif lens is not None:
             _distort(s, lens)
         else:
             _look(s)

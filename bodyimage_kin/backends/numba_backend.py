@@ -151,7 +151,8 @@ class HandImage:
     ) -> None:
         self._n = robot.n
         self._offset = np.array(hand_offset, dtype=np.float64)
-        self._lens = np.array(lens, dtype=np.float64)
+        self._distance = float(lens[0]) if len(lens) == 1 else None
+        self._lens = np.array(lens, dtype=np.float64) if len(lens) > 1 else None
         self._m = 2 if len(lens) else 3
         to_hand, to_camera = robot.path(hand_link), robot.path(camera_link)
         # What carries both moves neither, as the camera sees it.
@@ -194,12 +195,12 @@ class HandImage:
         values = _values(q, self._n)
         batch = len(values)
         image, depth, jacobian = _outputs(((batch, self._m), (batch,), (batch, self._m, self._p)), out)
-        aside = np.empty((0, 3)) if offsets is None else offsets.contiguous().numpy() - self._offset
+        aside = None if offsets is None else offsets.contiguous().numpy() - self._offset
 
         def run(part: slice) -> int:
             return kernels.image_and_jacobian(
-                values[part], aside[part], *self._chains, self._lens, self._rows, image[part], depth[part],
-                jacobian[part],
+                values[part], None if aside is None else aside[part], *self._chains, self._distance, self._lens,
+                self._rows, image[part], depth[part], jacobian[part],
             )  # fmt: skip
 
         if _in_threads(run, batch):

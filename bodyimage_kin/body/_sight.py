@@ -86,8 +86,8 @@ class Sight(NamedTuple):
         if type(self.model) in (VirtualScreen, Pinhole):
             none = depth <= 0.0 if type(self.model) is VirtualScreen else image[:, 0].isnan()
             if bool(none.any()):
-                image.masked_fill_(none[:, None], torch.nan)
-                jacobian.masked_fill_(none[:, None, None], torch.nan)
+                image[none] = torch.nan
+                jacobian[none] = torch.nan
             return Seen(image, none, jacobian)
         if type(self.model) is Tracker:
             return Seen(image, torch.zeros_like(depth, dtype=torch.bool), jacobian)
