@@ -52,6 +52,13 @@ class Wave(bk.motions.Motion):
         )
 
 
+class NoMotion:
+    """Has the method of a motion, and is none."""
+
+    def path(self, body, rng, sampling):
+        raise AssertionError
+
+
 @dataclass(frozen=True)
 class Careless(Estimator):
     """Does what it should not, and learns all the same."""

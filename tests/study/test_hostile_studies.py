@@ -105,6 +105,7 @@ WRONG = {
         {"a": {"recording": 3}},
         {"a": {"training": "subprocess:Popen"}},
         {"a": "os:system"},
+        {"a": "my_scores:NoMotion"},
         {"a": DEEP},
     ],
     "estimators": [
