@@ -66,6 +66,16 @@ def test_a_step_within_limits_is_the_one_of_least_displacement() -> None:
     torch.testing.assert_close(reach.step(jacobian, error, pull, q, -wide, wide), expected, atol=1e-9, rtol=0)
 
 
+def test_a_step_too_long_to_be_trusted_is_cut_down_and_keeps_its_direction() -> None:
+    jacobian, error, pull, q = problems(3)
+    wide = torch.full((5,), 1e3, dtype=torch.float64)
+    far, still = 100.0 * error, torch.zeros_like(pull)
+    moved = reach.step(jacobian, far, still, q, -wide, wide) - q
+    whole = (torch.linalg.pinv(jacobian) @ far[..., None])[..., 0]
+    assert bool((whole.norm(dim=1) > 0.5).all())
+    torch.testing.assert_close(moved, 0.5 * whole / whole.norm(dim=1, keepdim=True), atol=1e-9, rtol=0)
+
+
 def test_joints_at_a_limit_stay_there_and_the_others_close_the_error() -> None:
     jacobian, error, pull, q = problems(1)
     lower, upper = torch.full((5,), -10.0).double(), torch.full((5,), 10.0).double()

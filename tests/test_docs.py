@@ -32,8 +32,29 @@ assert bk.metrics.topological_error(maps.tactile_map) < 320
 """
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "quickstart.md"], ids=lambda page: page.name)
-def test_examples_run_one_after_the_other(page, tmp_path):
+CALIBRATED = """
+assert fit.explains
+assert chosen.q.shape == (10, body.p)
+"""
+
+
+OWN_ROBOT = """
+assert bk.load_embodiment("my.toml") == body
+assert recording.hand_image.attrs["units"] == "px"
+assert {"training", "joint_space"} <= set(scores.probe.values.tolist())
+"""
+
+
+@pytest.mark.parametrize(
+    ("page", "promises"),
+    [
+        pytest.param(ROOT / "README.md", PROMISES, id="README.md"),
+        pytest.param(DOCS / "quickstart.md", PROMISES, id="quickstart.md"),
+        pytest.param(DOCS / "calibration.md", CALIBRATED, id="calibration.md"),
+        pytest.param(DOCS / "your_own_robot.md", OWN_ROBOT, id="your_own_robot.md"),
+    ],
+)
+def test_examples_run_one_after_the_other(page, promises, tmp_path):
     # The pages' "robot.urdf" is any robot of the reader's.
     shutil.copy(ROOT / "urdf" / "infant.urdf", tmp_path / "robot.urdf")
     blocks = python_blocks(page)
@@ -42,7 +63,7 @@ def test_examples_run_one_after_the_other(page, tmp_path):
     for line, code in blocks:
         # At the lines of the page, so that a failure points there.
         lines += [""] * (line - 1 - len(lines)) + code.splitlines()
-    (tmp_path / "example.py").write_text("\n".join(lines) + PROMISES, encoding="utf-8")
+    (tmp_path / "example.py").write_text("\n".join(lines) + promises, encoding="utf-8")
     # In a process of its own, as a reader would run them.
     done = subprocess.run(
         [sys.executable, "-W", "error", "example.py"], cwd=tmp_path, capture_output=True, text=True, check=False

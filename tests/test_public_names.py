@@ -18,7 +18,8 @@ NAMES = (
     "published", "read_recording", "recordings", "report", "simulate", "study", "testing", "write_recording",
 )  # fmt: skip
 METHODS = {
-    "Robot": "from_urdf name root link_names joint_names lower upper sample subtree to_urdf sha256",
+    "Robot": "from_urdf from_dh geometry notes name root link_names joint_names"
+    "  lower upper sample subtree to_urdf sha256",
     "RobotKinematics": "pose jacobian pose_and_jacobian hessian",
     "Embodiment": "robot joints hand camera skin home visible"
     "  touch_postures full_posture hand_image hand_image_jacobian",

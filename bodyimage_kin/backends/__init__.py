@@ -23,6 +23,17 @@ from bodyimage_kin.backends.torch_backend import chain_pose as chain_pose
 from bodyimage_kin.errors import InvalidConfig, MissingDependency, UnknownName
 from bodyimage_kin.robot import Robot
 
+__all__ = [
+    "Abilities",
+    "Kinematics",
+    "Reference",
+    "RobotKinematics",
+    "backends",
+    "chain_pose",
+    "kinematics",
+    "somebody_differentiates",
+]
+
 # Name -> (module it imports, where the class is, how to install it), fastest first.
 _KNOWN: Mapping[str, tuple[str, str, str]] = {
     "numba": ("numba", "bodyimage_kin.backends.numba_backend:NumbaBackend", "pip install numba"),

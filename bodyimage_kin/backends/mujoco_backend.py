@@ -13,6 +13,8 @@ from torch import Tensor
 from bodyimage_kin.backends._chains import ChainBackend
 from bodyimage_kin.robot.tree import KinematicTree
 
+__all__ = ["MujocoBackend"]
+
 
 class MujocoBackend(ChainBackend):
     """Pose and Jacobian by MuJoCo, posture by posture, in float64.

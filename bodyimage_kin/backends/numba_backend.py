@@ -27,6 +27,8 @@ from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.transforms import Matrix3, Matrix4, transform
 from bodyimage_kin.robot.tree import Joint
 
+__all__ = ["HandImage", "NumbaBackend"]
+
 _POSTURES_A_THREAD = 8192
 """Starting a thread costs as much time as some two thousand postures."""
 

@@ -13,6 +13,8 @@ from torch import Tensor
 from bodyimage_kin.backends._chains import ChainBackend
 from bodyimage_kin.robot.tree import KinematicTree, write_core
 
+__all__ = ["PinocchioBackend"]
+
 
 class PinocchioBackend(ChainBackend):
     """Pose and Jacobian by Pinocchio, posture by posture, in float64.

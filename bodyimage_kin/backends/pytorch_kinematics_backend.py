@@ -11,6 +11,8 @@ from torch import Tensor
 from bodyimage_kin.backends._chains import ChainBackend
 from bodyimage_kin.robot.tree import KinematicTree, write_core
 
+__all__ = ["PytorchKinematicsBackend"]
+
 
 class PytorchKinematicsBackend(ChainBackend):
     """Pose and Jacobian by pytorch-kinematics, batched, in float64.

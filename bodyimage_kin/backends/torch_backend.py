@@ -20,6 +20,8 @@ from bodyimage_kin.backends._protocol import Abilities
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.robot import Robot
 
+__all__ = ["LinkChain", "TorchBackend", "chain_pose"]
+
 _BLOCK = 2048
 """Postures at a time on the CPU: few enough for all intermediate values to stay in its caches."""
 
@@ -70,7 +72,7 @@ class TorchBackend:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self._chains: dict[tuple[str, torch.device, torch.dtype], _LinkChain] = {}
+        self._chains: dict[tuple[str, torch.device, torch.dtype], LinkChain] = {}
 
     def pose_and_jacobian(
         self, q: Float[Tensor, "batch n"], link: str
@@ -78,7 +80,7 @@ class TorchBackend:
         """See :meth:`Kinematics.pose_and_jacobian`."""
         key = link, q.device, q.dtype
         if key not in self._chains:
-            self._chains[key] = _LinkChain.to(self.robot, link).on(q)
+            self._chains[key] = LinkChain.to(self.robot, link).on(q)
         chain, n = self._chains[key], self.robot.n
         pose, jacobian = q.new_empty(len(q), 4, 4), q.new_empty(len(q), 6, n)
         size = _BLOCK if q.is_cpu else max(len(q), 1)
@@ -99,18 +101,23 @@ def _without_autocast(device: torch.device) -> AbstractContextManager[None]:
     return nullcontext()
 
 
-class _LinkChain(NamedTuple):
-    """The chain to a link."""
+class LinkChain(NamedTuple):
+    """The chain to a link, as one step after the other."""
 
     steps: Tensor
+    """(m + 1, 4, 4): what is fixed before, between and behind joints that turn about, or slide along, their z axes."""
     columns: Tensor
+    """Where the value of each joint stands in q."""
     sliding: list[bool]
+    """Which joints slide."""
     turning: Tensor
+    """(m, 1): which turn."""
     follow: tuple[Tensor, Tensor] | None
     """Multiplier and offset (m, 1) of every joint when one of them follows another, else None."""
 
     @classmethod
-    def to(cls, robot: Robot, link: str) -> _LinkChain:
+    def to(cls, robot: Robot, link: str) -> LinkChain:
+        """That of a robot and one of its links."""
         fixed, origins, axes, columns, sliding, follow = np.eye(4), [], [], [], [], []
         for joint in robot.path(link):
             fixed = fixed @ joint.origin
@@ -136,16 +143,16 @@ class _LinkChain(NamedTuple):
             (factors[0], factors[1]) if follows else None,
         )
 
-    def on(self, q: Tensor) -> _LinkChain:
+    def on(self, q: Tensor) -> LinkChain:
         """The same on a tensor's device and in its dtype."""
         steps, columns, sliding, turning, follow = self
         if follow is not None:
             follow = follow[0].to(q), follow[1].to(q)
-        return _LinkChain(steps.to(q), columns.to(q.device), sliding, turning.to(q.device), follow)
+        return LinkChain(steps.to(q), columns.to(q.device), sliding, turning.to(q.device), follow)
 
 
 def _values(
-    chain: _LinkChain, q: Float[Tensor, "batch n"], n: int
+    chain: LinkChain, q: Float[Tensor, "batch n"], n: int
 ) -> tuple[Float[Tensor, "4 3 batch"], Float[Tensor, "rows batch"]]:
     """The end's frame, and its Jacobian as 6 n rows."""
     steps, columns, sliding, turning, follow = chain

@@ -5,6 +5,8 @@ from bodyimage_kin.body.cameras import CameraModel as CameraModel
 from bodyimage_kin.body.cameras import Stereo as Stereo
 from bodyimage_kin.body.cameras import Tracker as Tracker
 from bodyimage_kin.body.cameras import VirtualScreen as VirtualScreen
+from bodyimage_kin.body.check import Finding as Finding
+from bodyimage_kin.body.check import check_embodiment as check_embodiment
 from bodyimage_kin.body.embodiment import Embodiment as Embodiment
 from bodyimage_kin.body.embodiment import Frame as Frame
 from bodyimage_kin.body.file import embodiments as embodiments

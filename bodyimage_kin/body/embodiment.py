@@ -60,7 +60,7 @@ class Embodiment(SeeingBody):
     """A body that feels p of its robot's joints. Put one together with :meth:`build`, or load one from its file.
 
     Unless said otherwise, postures are of the felt joints, ``(*batch, p)``; the other joints stay at home. Two bodies
-    are equal when their parts are, wherever they came from.
+    are equal when their parts and their backends are, wherever they came from.
 
     Attributes:
         name: The embodiment's name.
@@ -141,7 +141,11 @@ class Embodiment(SeeingBody):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Embodiment):
             return NotImplemented
-        return self is other or (self.sha256 == other.sha256 and self.camera == other.camera)
+        if self is other:
+            return True
+        # Two backends differ in the last bits, and what is kept for a body is kept for its equals.
+        same = self.sha256 == other.sha256 and self.kinematics.name == other.kinematics.name
+        return same and self.camera == other.camera
 
     def __hash__(self) -> int:
         return int(self.sha256[:15], 16)

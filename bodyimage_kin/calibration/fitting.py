@@ -42,7 +42,7 @@ def calibrate(
     """The most probable body, given how it is thought to be and what was observed of it.
 
     Maximum a posteriori: ``sum rho(|r / sigma|^2) + |theta / sd|^2`` over images, a tracker's points, touches of the
-    skin and points on planes, with exact derivatives (:mod:`bodyimage_kin.estimators.parametric`). What is held keeps
+    skin and points on planes, with exact derivatives. What is held keeps
     the value it is thought to have. What was held out judges: the fit is repeated without each block in turn.
 
     Args:

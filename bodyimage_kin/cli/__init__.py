@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -51,8 +51,9 @@ class Reproduce:
         begin = time.monotonic()
         seeds = self.seeds if self.seeds is not None else (3 if self.quick else 10)
         study = fuke2007.grid(self.embodiment, seeds, quick=self.quick)
-        # A wrong embodiment is told before any folder is touched.
+        # A wrong embodiment, or one unfit for the protocol, is told before any folder is touched.
         study.origin()
+        fuke2007.check(self.embodiment)
         folder = claim(self.out, "reproduction", {"embodiment": self.embodiment, "seeds": seeds, "quick": self.quick})
         store = folder / "study"
         results = study.run(store, self.scheduler, workers=self.workers, progress=True)
@@ -181,12 +182,44 @@ class Fit:
         )
 
 
+@dataclass(frozen=True)
+class Embodiment:
+    """Say in seconds what cannot work with an embodiment, before anything is computed.
+
+    Exit status 1 when there is an error; notes are no errors.
+    """
+
+    action: Annotated[Literal["check"], tyro.conf.Positional]
+    """check: its file, what its eye sees, what its hand reaches, which meshes are missing."""
+    file: Annotated[str, tyro.conf.Positional]
+    """Name of an embodiment, or path of a TOML file."""
+    paper: bool = False
+    """Hold it to the paper's protocol: the whole circle is seen, and never the hand while it touches."""
+    mesh_folder: Path | None = None
+    """Where meshes may lie, subfolders included; by default beside the URDF."""
+
+    def __call__(self) -> int:
+        """Runs it."""
+        from bodyimage_kin.body.check import check_embodiment
+        from bodyimage_kin.body.file import load_embodiment
+
+        body = load_embodiment(self.file)
+        found = check_embodiment(body, paper=self.paper, mesh_folder=self.mesh_folder)
+        print(body)
+        for finding in found:
+            print(finding)
+        if not found:
+            print("nothing to tell: fit for all")
+        return int(any(finding.level == "error" for finding in found))
+
+
 _COMMANDS: dict[str, Callable[..., Any]] = {
     "reproduce": Reproduce,
     "study": Study,
     "report": Report,
     "fit": Fit,
     "conform": Conform,
+    "embodiment": Embodiment,
 }
 
 

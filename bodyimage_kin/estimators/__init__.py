@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from bodyimage_kin.estimators import nulls
 from bodyimage_kin.estimators._samples import Pairs, edges, fold_of_each, pairs
-from bodyimage_kin.estimators.analytic import Analytic
+from bodyimage_kin.estimators.analytic import Analytic, Nominal
 from bodyimage_kin.estimators.base import (
+    Drawn,
     Estimator,
     HasDisplacement,
     Learned,
     LearnedImage,
     LearnedJacobian,
+    Uncertain,
     load_learned,
 )
+from bodyimage_kin.estimators.basis_ridge import BasisImage, BasisProcess, Polynomial, TrigRidge
+from bodyimage_kin.estimators.conformal import Conformal, ConformalJacobian
 from bodyimage_kin.estimators.ensemble import Ensemble, EnsembleJacobian
-from bodyimage_kin.estimators.gaussian_process import GaussianProcess, RadialProcess, TrigProcess
+from bodyimage_kin.estimators.gaussian_process import GaussianProcess, RadialDraw, RadialImage, RadialProcess
 from bodyimage_kin.estimators.given import Given, GivenImage, GivenJacobian, Saved
 from bodyimage_kin.estimators.least_squares import ConstantJacobian, LeastSquares
 from bodyimage_kin.estimators.neighbours import LocallyWeighted, NearestNeighbours, NeighbourJacobian, WeightedJacobian
@@ -28,17 +32,21 @@ from bodyimage_kin.estimators.networks import (
 )
 from bodyimage_kin.estimators.online import Broyden, Kalman, RecursiveLeastSquares
 from bodyimage_kin.estimators.paper_mlp import DisplacementNetwork, PaperMLP
-from bodyimage_kin.estimators.rational_trig import RationalImage, RationalTrig
-from bodyimage_kin.estimators.ridge import Ridge
+from bodyimage_kin.estimators.rational import RationalImage, RationalPolynomial, RationalProcess, RationalTrig
+from bodyimage_kin.estimators.ridge import Ridge, RidgeJacobian
 from bodyimage_kin.estimators.self_calibration import CalibratedChain, SelfCalibration
-from bodyimage_kin.estimators.trig_ridge import TrigImage, TrigRidge
 
 __all__ = [
     "Analytic",
+    "BasisImage",
+    "BasisProcess",
     "Broyden",
     "CalibratedChain",
+    "Conformal",
+    "ConformalJacobian",
     "ConstantJacobian",
     "DisplacementNetwork",
+    "Drawn",
     "Ensemble",
     "EnsembleJacobian",
     "Estimator",
@@ -59,20 +67,26 @@ __all__ = [
     "NeighbourJacobian",
     "NetworkImage",
     "NetworkJacobian",
+    "Nominal",
     "Pairs",
     "PaperMLP",
+    "Polynomial",
     "PostureDisplacement",
     "PostureMLP",
+    "RadialDraw",
+    "RadialImage",
     "RadialProcess",
     "RationalImage",
+    "RationalPolynomial",
+    "RationalProcess",
     "RationalTrig",
     "RecursiveLeastSquares",
     "Ridge",
+    "RidgeJacobian",
     "Saved",
     "SelfCalibration",
-    "TrigImage",
-    "TrigProcess",
     "TrigRidge",
+    "Uncertain",
     "WeightedJacobian",
     "edges",
     "fold_of_each",
@@ -92,14 +106,18 @@ _SPECS: tuple[type[Estimator], ...] = (
     NearestNeighbours,
     LocallyWeighted,
     TrigRidge,
+    Polynomial,
     RationalTrig,
+    RationalPolynomial,
     GaussianProcess,
     Broyden,
     RecursiveLeastSquares,
     Kalman,
     Ensemble,
+    Conformal,
     SelfCalibration,
     Analytic,
+    Nominal,
     Given,
     Saved,
 )

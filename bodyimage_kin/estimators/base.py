@@ -36,7 +36,7 @@ class Learned(HasDisplacement, Protocol):
     """What is asked of a learned Jacobian, whoever learned it; tensors in, tensors out.
 
     Postures are ``(*batch, p)`` [rad or m], displacements of the joints likewise. Hand images have m coordinates, in
-    the unit of the camera. Some know more: :class:`LearnedImage`.
+    the unit of the camera. Some know more: :class:`LearnedImage`, :class:`Uncertain`, :class:`Drawn`.
     """
 
     @property
@@ -57,6 +57,25 @@ class LearnedImage(Learned, Protocol):
 
     def hand_image(self, q: ArrayLike) -> Tensor:
         """The hand image that is predicted, ``(*batch, m)``."""
+
+
+@runtime_checkable
+class Uncertain(Learned, Protocol):
+    """A learned Jacobian that knows how sure it is."""
+
+    def covariance(self, q: ArrayLike) -> Tensor:
+        """Covariance of the Jacobian's entries, row by row, ``(*batch, m p, m p)``: entry ``axis * p + joint``."""
+
+    def displacement_covariance(self, q: ArrayLike, dq: ArrayLike) -> Tensor:
+        """Covariance of the predicted displacement, ``(*batch, m, m)``."""
+
+
+@runtime_checkable
+class Drawn(Learned, Protocol):
+    """A learned Jacobian of whose kind others are as plausible: whole functions, not independent steps."""
+
+    def draws(self, n: int, seed: int = 0) -> Sequence[Learned]:
+        """So many of them; the same seed gives the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +171,7 @@ class Estimator(abc.ABC):
         """Learns from an experience; pure: same experience and seed, same bits.
 
         Args:
-            exp: An experience (:func:`bodyimage_kin.experience`).
+            exp: An experience (:func:`bodyimage_kin.recordings.experience`).
             seed: Of whatever is drawn at random.
 
         Raises:

@@ -13,6 +13,7 @@ from torch import Tensor
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.errors import InvalidArray
+from bodyimage_kin.estimators._field import Doubt
 from bodyimage_kin.estimators._samples import fold_of_each
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 from bodyimage_kin.recordings import is_scattered
@@ -21,7 +22,7 @@ _ARCS = 10
 
 
 @dataclass(frozen=True, eq=False)
-class EnsembleJacobian(LearnedJacobian):
+class EnsembleJacobian(Doubt):
     """The mean of its members; what they disagree on is what the experience leaves open.
 
     Attributes:
@@ -51,45 +52,34 @@ class EnsembleJacobian(LearnedJacobian):
         return torch.stack([member.displacement(q, dq) for member in self.members]).mean(0)
 
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
-        return self.member_jacobians(q).mean(0)
+        return torch.stack([member.jacobian(q) for member in self.members]).mean(0)
 
-    def member_jacobians(self, q: ArrayLike) -> Float[Tensor, "members *batch m p"]:
-        """Each member's Jacobian [m/rad].
+    def _covariance(self, q: Float[Tensor, "count p"]) -> Float[Tensor, "count entries entries"]:
+        return _spread(torch.stack([member.jacobian(q).flatten(-2) for member in self.members]))
 
-        Args:
-            q: Postures ``(*batch, p)`` [rad].
+    def displacement_covariance(self, q: ArrayLike, dq: ArrayLike) -> Float[Tensor, "*batch m m"]:
+        """Covariance of the displacements that the members foresee. See :meth:`Doubt.displacement_covariance`."""
+        return _spread(torch.stack([member.displacement(q, dq) for member in self.members]))
 
-        Raises:
-            InvalidPosture: A last axis that is not of p joints.
-        """
-        return torch.stack([member.jacobian(q) for member in self.members])
-
-    def jacobian_draws(self, q: ArrayLike, draws: int, seed: int = 0) -> Float[Tensor, "draws *batch m p"]:
-        """Jacobians of members drawn at random, with replacement [m/rad].
+    def draws(self, n: int, seed: int = 0) -> tuple[LearnedJacobian, ...]:
+        """Members drawn at random, with replacement.
 
         Args:
-            q: Postures ``(*batch, p)`` [rad].
-            draws: How many.
+            n: How many.
             seed: Same seed, same members.
 
         Raises:
-            InvalidConfig: Not a positive number of draws.
-            InvalidPosture: A last axis that is not of p joints.
+            InvalidConfig: Not a positive number.
         """
-        _checks.whole("draws", draws, least=1)
-        drawn = np.random.default_rng(seed).integers(len(self.members), size=draws)
-        return self.member_jacobians(q)[torch.from_numpy(drawn)]
+        _checks.whole("n", n, least=1)
+        drawn = np.random.default_rng(seed).integers(len(self.members), size=n)
+        return tuple(self.members[index] for index in drawn)
 
-    def jacobian_std(self, q: ArrayLike) -> Float[Tensor, "*batch m p"]:
-        """Standard deviation of each entry of the Jacobian over the members [m/rad].
 
-        Args:
-            q: Postures ``(*batch, p)`` [rad].
-
-        Raises:
-            InvalidPosture: A last axis that is not of p joints.
-        """
-        return self.member_jacobians(q).std(0)
+def _spread(values: Float[Tensor, "members *batch d"]) -> Float[Tensor, "*batch d d"]:
+    """Covariance over the members; of a single one, zero."""
+    away = values - values.mean(0)
+    return torch.einsum("i...a,i...b->...ab", away, away) / max(1, len(values) - 1)
 
 
 @dataclass(frozen=True)

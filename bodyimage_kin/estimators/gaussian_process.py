@@ -7,7 +7,6 @@ settings of the kernel maximise the evidence (their equation 5.8), the image's a
 
 from __future__ import annotations
 
-import abc
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,12 +21,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from bodyimage_kin import _checks
-from bodyimage_kin._arrays import ArrayLike, as_postures
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
-from bodyimage_kin.estimators._field import ImageModel
+from bodyimage_kin.estimators._basis import TrigBasis
+from bodyimage_kin.estimators._field import Doubt, ImageModel, in_parts, of_each_axis
 from bodyimage_kin.estimators._samples import samples
-from bodyimage_kin.estimators._trigonometric import TrigBasis
 from bodyimage_kin.estimators.base import Estimator
+from bodyimage_kin.estimators.basis_ridge import BasisProcess
 
 _WAVES = 2048
 """Random waves that a draw from a radial prior is made of."""
@@ -35,105 +34,83 @@ _LEAST_NOISE = 1e-4
 """Standard deviation of the images' noise, over that of the images: what rounding needs."""
 
 
-class ImageProcess(ImageModel):
-    """A Gaussian process over the hand image: its mean is the image that is predicted."""
-
-    def jacobian_draws(self, q: ArrayLike, draws: int, seed: int = 0) -> Float[Tensor, "draws *batch m p"]:
-        """Jacobians of functions drawn from the posterior [m/rad].
-
-        Args:
-            q: Postures ``(*batch, p)`` [rad].
-            draws: How many functions.
-            seed: Same seed, same functions, whatever the postures.
-
-        Raises:
-            InvalidConfig: Not a positive number of draws.
-            InvalidPosture: A last axis that is not of p joints.
-        """
-        _checks.whole("draws", draws, least=1)
-        q = as_postures(q, self.p)
-        drawn = self._draws(q.reshape(-1, self.p).to(torch.float64), draws, torch.Generator().manual_seed(seed))
-        return drawn.to(q).reshape(draws, *q.shape[:-1], self.m, self.p)
-
-    def jacobian_std(self, q: ArrayLike) -> Float[Tensor, "*batch m p"]:
-        """Standard deviation of each entry of the Jacobian [m/rad].
-
-        Args:
-            q: Postures ``(*batch, p)`` [rad].
-
-        Raises:
-            InvalidPosture: A last axis that is not of p joints.
-        """
-        q = as_postures(q, self.p)
-        spread = self._std(q.reshape(-1, self.p).to(torch.float64)).to(q)
-        return spread.reshape(*q.shape[:-1], 1, self.p).repeat(*[1] * (q.ndim - 1), self.m, 1)
-
-    @abc.abstractmethod
-    def _draws(
-        self, q: Float[Tensor, "count p"], draws: int, generator: torch.Generator
-    ) -> Float[Tensor, "draws count m p"]:
-        """Jacobians of drawn functions."""
-
-    @abc.abstractmethod
-    def _std(self, q: Float[Tensor, "count p"]) -> Float[Tensor, "count p"]:
-        """Standard deviation of the Jacobian's entries, the same for every axis of the image."""
-
-
 @dataclass(frozen=True, eq=False)
-class TrigProcess(ImageProcess):
-    """A process with a trigonometric kernel: finitely many functions, so its draws are exact.
+class RadialImage(ImageModel):
+    """A weighted sum of the radial kernel about postures of the data.
 
     Attributes:
-        basis: The functions.
-        weights: (functions, m) posterior mean of their weights, in the unit of the hand image.
-        root: (functions, functions) a root of the weights' posterior covariance, the same for every axis and in its
-            unit.
+        q: (count, p) postures of the data, less their mean [rad].
+        centre: (p,) their mean [rad].
+        mean: (m,) what the sum is added to, in the unit of the hand image.
+        dual: (count, m) weights of the kernel, in the unit of the hand image, inverse.
+        settings: (4,) as of :class:`RadialProcess`.
     """
 
-    basis: TrigBasis
-    weights: Float[Tensor, "functions m"]
-    root: Float[Tensor, "functions functions"]
+    q: Float[Tensor, "count p"]
+    centre: Float[Tensor, "p"]
+    mean: Float[Tensor, "m"]
+    dual: Float[Tensor, "count m"]
+    settings: Float[Tensor, "4"]
 
-    kind = "trigonometric_process"
+    kind = "radial_image"
 
     def __post_init__(self) -> None:
-        self.basis.check(self.weights)
-        self.basis.check(self.root)
-
-    @cached_property
-    def _derivative(self) -> Float[Tensor, "functions columns"]:
-        return self.basis.derivative(self.weights).flatten(1)
-
-    @cached_property
-    def _root_derivative(self) -> Float[Tensor, "functions functions p"]:
-        return self.basis.derivative(self.root)
+        _check_settings(self.settings)
 
     def _image(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
-        return self.basis(q) @ self.weights.to(q)
+        image = self.mean + _radial(self.centred(q), self.q, self.settings) @ self.dual
+        return image.to(q).reshape(*q.shape[:-1], self.m)
 
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
-        return (self.basis(q) @ self._derivative.to(q)).reshape(*q.shape[:-1], self.m, self.p)
+        height, length, linear, _ = self.settings
+        centred = self.centred(q)
+        bump = _bumps(centred, self.q, height, length)
+        # Matrix products alone: the sum over the data of bump dual (q_i - q)'.
+        pulled = (bump @ (self.dual[:, :, None] * self.q[:, None, :]).flatten(1)).reshape(len(centred), self.m, self.p)
+        pulled = pulled - (bump @ self.dual)[..., None] * centred[:, None, :]
+        slope = pulled / length**2 + linear**2 * (self.dual.T @ self.q)
+        return slope.to(q).reshape(*q.shape[:-1], self.m, self.p)
 
-    def _draws(
-        self, q: Float[Tensor, "count p"], draws: int, generator: torch.Generator
-    ) -> Float[Tensor, "draws count m p"]:
-        normal = torch.randn(draws, len(self.weights), self.m, generator=generator, dtype=torch.float64)
-        weights = (self.weights + self.root @ normal).transpose(0, 1).flatten(1)
-        drawn = self.basis(q) @ self.basis.derivative(weights).flatten(1)
-        return drawn.reshape(len(q), draws, self.m, self.p).transpose(0, 1)
-
-    def _std(self, q: Float[Tensor, "count p"]) -> Float[Tensor, "count p"]:
-        features = self.basis(q)
-        each = [torch.linalg.vector_norm(features @ self._root_derivative[..., k], dim=-1) for k in range(self.p)]
-        return torch.stack(each, -1)
+    def centred(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "rows p"]:
+        """In float64, whatever comes: large terms of the dual cancel."""
+        return (q.to(torch.float64) - self.centre).reshape(-1, self.p)
 
 
 @dataclass(frozen=True, eq=False)
-class RadialProcess(ImageProcess):
-    """A process with the kernel ``linear^2 (q - c)'(q' - c) + height^2 exp(-|q - q'|^2 / (2 length^2)) + constant``.
+class RadialDraw(ImageModel):
+    """A function drawn from a radial process: waves and a linear map drawn from the prior, corrected by the data.
 
-    Draws follow Matheron's rule (Wilson et al. 2020): a draw from the prior, corrected where data are. The prior's
-    radial part is drawn as random waves (Rahimi and Recht 2007): the spread of draws is right to a few per cent.
+    Attributes:
+        known: The correction.
+        frequencies: (p, waves) [1/rad].
+        phases: (waves,).
+        heights: (waves, m), in the unit of the hand image.
+        slopes: (p, m), in the unit of the hand image over rad.
+    """
+
+    known: RadialImage
+    frequencies: Float[Tensor, "p waves"]
+    phases: Float[Tensor, "waves"]
+    heights: Float[Tensor, "waves m"]
+    slopes: Float[Tensor, "p m"]
+
+    kind = "radial_draw"
+
+    def _image(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
+        centred = self.known.centred(q)
+        drawn = torch.cos(centred @ self.frequencies + self.phases) @ self.heights + centred @ self.slopes
+        return self.known._image(q) + drawn.to(q).reshape(*q.shape[:-1], self.m)
+
+    def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
+        waves = (self.heights.T[..., None] * self.frequencies.T).transpose(0, 1).flatten(1)
+        rising = torch.sin(self.known.centred(q) @ self.frequencies + self.phases) @ waves
+        drawn = self.slopes.T - rising.reshape(-1, self.m, self.p)
+        return self.known._jacobian(q) + drawn.to(q).reshape(*q.shape[:-1], self.m, self.p)
+
+
+@dataclass(frozen=True, eq=False)
+class RadialProcess(Doubt, ImageModel):
+    """A process with the kernel ``linear^2 (q - c)'(q' - c) + height^2 exp(-|q - q'|^2 / (2 length^2)) + constant``.
 
     Attributes:
         q: (count, p) postures of the data, less their mean [rad].
@@ -152,8 +129,7 @@ class RadialProcess(ImageProcess):
     kind = "radial_process"
 
     def __post_init__(self) -> None:
-        if not bool((self.settings > 0).all()):
-            raise InvalidArray(f"settings of a radial process are {self.settings.tolist()}; give positive ones")
+        _check_settings(self.settings)
 
     @cached_property
     def _factor(self) -> Float[Tensor, "count count"]:
@@ -170,30 +146,52 @@ class RadialProcess(ImageProcess):
     def _dual(self) -> Float[Tensor, "count m"]:
         return torch.cholesky_solve(self.image, self._factor)
 
+    @cached_property
+    def _mean(self) -> RadialImage:
+        return RadialImage(self.q, self.centre, self.mean, self._dual, self.settings, unit=self.unit)
+
     def _image(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
-        image = self.mean + _radial(self._centred(q), self.q, self.settings) @ self._dual
-        return image.to(q).reshape(*q.shape[:-1], self.m)
+        return self._mean._image(q)
 
     def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
-        return self._slope(self._centred(q), self._dual).to(q).reshape(*q.shape[:-1], self.m, self.p)
+        return self._mean._jacobian(q)
 
-    def _centred(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "rows p"]:
-        """In float64, whatever comes: large terms of the dual cancel."""
-        return (q.to(torch.float64) - self.centre).reshape(-1, self.p)
+    def _covariance(self, q: Float[Tensor, "count p"]) -> Float[Tensor, "count entries entries"]:
+        def of(part: Tensor) -> Tensor:
+            return of_each_axis(torch.ones(self.m, dtype=part.dtype), self._of_one_axis(part))
 
-    def _slope(self, q: Float[Tensor, "rows p"], dual: Float[Tensor, "count m"]) -> Float[Tensor, "rows m p"]:
-        """Derivative of ``k(q, data) @ dual``, postures centred; matrix products alone."""
+        return in_parts(of, q, 2 * self.p * len(self.q))
+
+    def _of_one_axis(self, q: Float[Tensor, "count p"]) -> Float[Tensor, "count p p"]:
+        """Covariance of a row of the Jacobian: the prior's, less what the data tell."""
         height, length, linear, _ = self.settings
-        bump = _bumps(q, self.q, height, length)
-        pulled = (bump @ (dual[:, :, None] * self.q[:, None, :]).flatten(1)).reshape(len(q), dual.shape[1], self.p)
-        pulled = pulled - (bump @ dual)[..., None] * q[:, None, :]
-        return pulled / length**2 + linear**2 * (dual.T @ self.q)
+        centred = q - self.centre
+        bump = _bumps(centred, self.q, height, length)
+        away = self.q - centred[:, None, :]
+        cross = bump[..., None] * away / length**2 + linear**2 * self.q
+        shape = (len(q), self.p, len(self.q))
+        known = torch.linalg.solve_triangular(self._factor, cross.permute(1, 0, 2).flatten(1), upper=False)
+        known = known.reshape(len(self.q), len(q), self.p).permute(1, 2, 0).reshape(shape)
+        prior = (height**2 / length**2 + linear**2) * torch.eye(self.p, dtype=q.dtype)
+        return prior - known @ known.transpose(-1, -2)
 
-    def _draws(
-        self, q: Float[Tensor, "count p"], draws: int, generator: torch.Generator
-    ) -> Float[Tensor, "draws count m p"]:
+    def draws(self, n: int, seed: int = 0) -> tuple[RadialDraw, ...]:
+        """Functions drawn from the posterior.
+
+        Matheron's rule (Wilson et al. 2020): a draw from the prior, corrected where data are. The prior's radial part
+        is drawn as random waves (Rahimi and Recht 2007): the spread of draws is right to a few per cent.
+
+        Args:
+            n: How many.
+            seed: Same seed, same functions.
+
+        Raises:
+            InvalidConfig: Not a positive number.
+        """
+        _checks.whole("n", n, least=1)
+        generator = torch.Generator().manual_seed(seed)
         height, length, linear, noise = self.settings
-        columns = draws * self.m
+        columns = n * self.m
 
         def normal(*shape: int) -> Tensor:
             return torch.randn(*shape, generator=generator, dtype=torch.float64)
@@ -202,26 +200,19 @@ class RadialProcess(ImageProcess):
         phases = 2.0 * math.pi * torch.rand(_WAVES, generator=generator, dtype=torch.float64)
         heights = height * math.sqrt(2.0 / _WAVES) * normal(_WAVES, columns)
         slopes = linear * normal(self.p, columns)
+        constants = _constant(self.settings) * normal(1, columns)
         prior = torch.cos(self.q @ frequencies + phases) @ heights + self.q @ slopes
-        prior = prior + _constant(self.settings) * normal(1, columns) + noise * normal(len(self.q), columns)
-        dual = torch.cholesky_solve(self.image.repeat(1, draws) - prior, self._factor)
-        centred = q - self.centre
-        waves = (heights.T[..., None] * frequencies.T).transpose(0, 1).flatten(1)
-        of_prior = -(torch.sin(centred @ frequencies + phases) @ waves).reshape(len(q), columns, self.p) + slopes.T
-        drawn = of_prior + self._slope(centred, dual)
-        return drawn.reshape(len(q), draws, self.m, self.p).transpose(0, 1)
-
-    def _std(self, q: Float[Tensor, "count p"]) -> Float[Tensor, "count p"]:
-        height, length, linear, _ = self.settings
-        centred = q - self.centre
-        bump = _bumps(centred, self.q, height, length)
-        each = []
-        for joint in range(self.p):
-            away = self.q[:, joint] - centred[:, joint, None]
-            cross = bump * away / length**2 + linear**2 * self.q[:, joint]
-            known = torch.linalg.solve_triangular(self._factor, cross.T, upper=False)
-            each.append((height**2 / length**2 + linear**2 - (known**2).sum(0)).clamp(min=0.0).sqrt())
-        return torch.stack(each, -1)
+        prior = prior + constants + noise * normal(len(self.q), columns)
+        dual = torch.cholesky_solve(self.image.repeat(1, n) - prior, self._factor)
+        drawn = []
+        for one in range(n):
+            of = slice(one * self.m, (one + 1) * self.m)
+            known = RadialImage(
+                self.q, self.centre, self.mean + constants[0, of], dual[:, of].contiguous(), self.settings
+            )
+            waves = (frequencies, phases, heights[:, of].contiguous(), slopes[:, of].contiguous())
+            drawn.append(RadialDraw(known, *waves, unit=self.unit))
+        return tuple(drawn)
 
 
 @dataclass(frozen=True)
@@ -245,7 +236,7 @@ class GaussianProcess(Estimator):
             _checks.whole("degree", self.degree, least=1)
         _checks.whole("most", self.most, least=2)
 
-    def fit(self, exp: xr.Dataset, seed: int = 0) -> ImageProcess:
+    def fit(self, exp: xr.Dataset, seed: int = 0) -> BasisProcess | RadialProcess:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
         data = samples(exp)
         kept = torch.linspace(0, len(data.q) - 1, min(self.most, len(data.q))).round().long()
@@ -279,7 +270,13 @@ class GaussianProcess(Estimator):
         weights = torch.cholesky_solve(scaled.T @ (image / settings[-1]), factor) * deviations[:, None]
         weights[0] += mean
         inverse = torch.linalg.solve_triangular(factor.T, torch.eye(len(factor), dtype=q.dtype), upper=True)
-        return TrigProcess(basis, weights, unit * deviations[:, None] * inverse, unit=data.unit)
+        alike = torch.ones(image.shape[1], dtype=q.dtype)
+        return BasisProcess(basis, weights, unit * deviations[:, None] * inverse, alike, unit=data.unit)
+
+
+def _check_settings(settings: Float[Tensor, "4"]) -> None:
+    if not bool((settings > 0).all()):
+        raise InvalidArray(f"settings of a radial process are {settings.tolist()}; give positive ones")
 
 
 def _constant(settings: Float[Tensor, "settings"]) -> Tensor:

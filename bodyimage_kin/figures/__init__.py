@@ -33,9 +33,9 @@ from bodyimage_kin.figures._robot import robot as robot
 from bodyimage_kin.figures._saving import save as save
 from bodyimage_kin.figures._saving import svg as svg
 from bodyimage_kin.figures._saving import values as values
-from bodyimage_kin.figures._screen import hand_image as hand_image
-from bodyimage_kin.figures._screen import line_of_sight as line_of_sight
 from bodyimage_kin.figures._screen import virtual_screen as virtual_screen
+from bodyimage_kin.figures._sight import hand_image as hand_image
+from bodyimage_kin.figures._sight import line_of_sight as line_of_sight
 from bodyimage_kin.figures._skin import face as face
 from bodyimage_kin.figures._skin import grid as grid
 from bodyimage_kin.figures._skin import skin as skin

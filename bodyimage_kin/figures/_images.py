@@ -63,7 +63,7 @@ class Plane:
         """Names, unit, equal aspect, y as the eye sees it (up in space)."""
         axes.set(xlabel=self.label(0), ylabel=self.label(1), aspect="equal")
         if len(self.names) > 2:
-            note(axes, f"{self.names[0]} and {self.names[1]} of {', '.join(self.names)}")
+            note(axes, f"the first 2 of {len(self.names)} coordinates")
         axes.margins(edge)
         # In space y is up; a screen's and a pixel's run down.
         if len(self.names) != 3 and not axes.yaxis_inverted():

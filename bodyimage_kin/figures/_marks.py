@@ -55,11 +55,16 @@ def halo(width: float | int = 2) -> list[Any]:
 
 
 def scale_bar(axes: Axes, length: float) -> None:
-    """A bar of this length [m] at the lower left of a drawing in metres."""
+    """A bar at the lower left of a drawing in metres: of this length [m], or of a round one that suits the drawing."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    if not 0.05 < length / (right - left) < 0.6:
+        decade = 10.0 ** np.floor(np.log10(0.3 * (right - left)))
+        length = max(step * decade for step in (1, 2, 5) if step * decade <= 0.3 * (right - left))
     x, y = left + 0.03 * (right - left), bottom + 0.03 * (top - bottom)
     axes.plot([x, x + length], [y, y], color="black", linewidth=2, solid_capstyle="butt", zorder=6)
-    text = axes.text(x + length / 2, y + 0.015 * (top - bottom), f"{length * 100:.0f} cm", ha="center", va="bottom")
+    unit, factor = ("m", 1) if length >= 0.995 else ("cm", 100) if length >= 0.00995 else ("mm", 1000)
+    said = f"{length * factor:.3g} {unit}"
+    text = axes.text(x + length / 2, y + 0.015 * (top - bottom), said, ha="center", va="bottom")
     text.set(path_effects=halo(), zorder=6)
 
 

@@ -100,10 +100,11 @@ def _touches(first: xr.Dataset, axes: Axes, moments: np.ndarray) -> None:
     taxels = first["touched"].transpose("time", "contact").values if "touched" in first else np.empty((0, 0))
     sample, contact = np.nonzero(taxels >= 0)
     touched = taxels[sample, contact]
-    axes.set(title=f"touched: {np.unique(touched).size} taxels", ylabel="taxel")
     if not touched.size:
+        axes.set_title("touched")
         _nothing(axes, "nothing touched")
         return
+    axes.set(title=f"touched: {np.unique(touched).size} taxels", ylabel="taxel")
     places = np.stack([moments[sample], touched], 1).astype(float)
     dots(axes, places, size=1.4, color="0.15", label=UNLISTED + "touch")
     axes.autoscale_view()

@@ -17,7 +17,6 @@ from jaxtyping import Bool, Float
 
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.figures._visuals import Surface, triangles
 
 Window: TypeAlias = tuple[float, float, float, float]
@@ -128,17 +127,15 @@ def window_of(
 def facing(body: Embodiment) -> tuple[float, float]:
     """Azimuth and elevation that the face looks to, the robot at home [degrees]: out of the skin, or as the eye does.
 
-    Raises:
-        InvalidConfig: It looks up or down.
+    What looks up or down is taken to have its lower edge towards x.
     """
     if body.skin is not None:
         forward = body.skin.root_T_link[:3, :3].numpy() @ body.skin.patch.forward
     else:
         forward = camera_pose(body, body.felt_home)[:3, 2]
     elevation = float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1))))
-    if abs(elevation) > 80:
-        raise InvalidConfig(f"the face looks {elevation:.0f} degrees up; only upright faces are drawn")
-    return float(np.degrees(np.arctan2(forward[1], forward[0]))), elevation
+    azimuth = float(np.degrees(np.arctan2(forward[1], forward[0])))
+    return (azimuth if abs(elevation) < 80 else 0.0), elevation
 
 
 def felt_links(body: Embodiment) -> tuple[str, ...]:

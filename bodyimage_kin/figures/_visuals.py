@@ -56,7 +56,7 @@ def triangles(
 
     Returns:
         The triangles in the root, coloured as the materials say. A visual that cannot be read is left out, as
-        ``robot.notes`` says.
+        ``robot.notes`` says. Of a robot without any, rods between its joints.
 
     Raises:
         UnknownName: A joint or link that the robot does not have.
@@ -70,8 +70,11 @@ def triangles(
     folder = None if mesh_folder is None else Path(mesh_folder)
     corners, normals, colours = [np.empty((0, 3, 3))], [np.empty((0, 3, 3))], [np.empty((0, 4))]
     owners = [np.empty(0, dtype=np.int64)]
+    visuals = {name: robot.geometry[name].visuals for name in robot.link_names}
+    if not any(visuals.values()):
+        visuals = _sticks(robot)
     for index, name in enumerate(robot.link_names):
-        for visual in robot.geometry[name].visuals if name in wanted else ():
+        for visual in visuals[name] if name in wanted else ():
             mesh = triangulate(visual.shape, name, robot.file, folder)
             root_T_visual = poses[name] @ visual.origin
             corners.append(np.asarray(mesh.triangles) @ root_T_visual[:3, :3].T + root_T_visual[:3, 3])
@@ -98,6 +101,20 @@ def link_poses(robot: Robot, posture: Mapping[str, Any]) -> dict[str, Float[np.n
     # Nothing is to be compiled for a picture.
     kin = kinematics(robot, "torch")
     return {link: kin.pose(q, link).numpy() for link in robot.link_names}
+
+
+def _sticks(robot: Robot) -> dict[str, tuple[Visual, ...]]:
+    """A ball for each link, and a rod from it to each link that hangs from it."""
+    size = sum(float(np.linalg.norm(joint.xyz)) for joint in robot.tree.joints) or 1.0
+    ball, rod = 0.016 * size, 0.007 * size
+    found = {name: [Visual(Sphere(ball))] for name in robot.link_names}
+    for joint in robot.tree.joints:
+        x, y, z = joint.xyz
+        length = float(np.linalg.norm(joint.xyz))
+        if length > 0:
+            along = (0.0, float(np.arccos(z / length)), float(np.arctan2(y, x)))
+            found[joint.parent].append(Visual(Cylinder(rod, length), (x / 2, y / 2, z / 2), along))
+    return {name: tuple(of) for name, of in found.items()}
 
 
 def _normals(shape: Shape, mesh: trimesh.Trimesh) -> Float[np.ndarray, "triangles 3 3"]:

@@ -79,9 +79,16 @@ def nearest_on_shapes(shapes: tuple[Shape, ...], points: Points) -> tuple[Points
 
 
 def _nearest(shape: Shape, points: Points) -> tuple[Points, Points, Float[np.ndarray, "count"]]:
-    """Of one shape: each is a box in coordinates of its own, (x, y, z), (around, z) or (around) alone."""
+    """Of one shape: each is a box in coordinates of its own, (x, y, z), (around, z) or (around) alone.
+
+    A capsule is a ball about the point of its axis that is nearest.
+    """
     rotation, position = shape.link_T_shape[:3, :3], shape.link_T_shape[:3, 3]
     local = (points - position) @ rotation
+    half, centres = np.array(shape.size), np.zeros_like(local)
+    if shape.kind == "capsule":
+        half, centres[:, 2] = half[:1], np.clip(local[:, 2], -half[1], half[1])
+        local = local - centres
     if shape.kind == "box":
         axes = np.broadcast_to(np.eye(3), (len(local), 3, 3))
     elif shape.kind == "cylinder":
@@ -89,7 +96,6 @@ def _nearest(shape: Shape, points: Points) -> tuple[Points, Points, Float[np.nda
         axes = np.stack([around, np.broadcast_to([0.0, 0.0, 1.0], around.shape)], axis=1)
     else:
         axes = _unit(local)[:, None]
-    half = np.array(shape.size)
     coordinates = np.einsum("nki,ni->nk", axes, local)
     sign = np.where(coordinates < 0.0, -1.0, 1.0)
     beyond = np.abs(coordinates) - half
@@ -100,7 +106,7 @@ def _nearest(shape: Shape, points: Points) -> tuple[Points, Points, Float[np.nda
     direction = np.where(outside[:, None], away, sign * leaving)
     normals = np.einsum("nk,nki->ni", _unit(direction), axes)
     distances = np.where(outside, 1.0, -1.0) * np.linalg.norm(away, axis=1)
-    surface = np.einsum("nk,nki->ni", coordinates - away, axes)
+    surface = centres + np.einsum("nk,nki->ni", coordinates - away, axes)
     return surface @ rotation.T + position, normals @ rotation.T, distances
 
 

@@ -37,7 +37,7 @@ class Course:
     """One way of the hand to simulate.
 
     Attributes:
-        centres: (steps, 3) where the hand's centre is led, one each step, in the skin's link [m].
+        centres: (steps, 3) where the hand's centre is led, one each step, in the axes of ``front_link`` [m].
         rest: (p,) rest posture; the arm starts displaced least from it, at rest, the hand on its path.
         noise: Draws the random torques.
         press: Whether the path lies on the skin and the hand is to be pressed on.

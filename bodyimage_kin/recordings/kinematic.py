@@ -29,7 +29,7 @@ def follow(
 
     Args:
         body: The embodiment.
-        centres: The hand's centre, in the skin's link [m].
+        centres: The hand's centre, in the axes of the body's ``front_link`` [m].
         rest: Rest posture; the first posture is displaced least from it [rad].
         pull: Share of the way to the rest posture that is gone at each sample where the hand leaves it free, 0 to 1.
 

@@ -9,7 +9,7 @@ is felt of it and what disturbs it. A motion of your own is a frozen dataclass w
         in_view: ClassVar[bool] = True
 
         def path(self, body, rng, sampling):
-            return bk.motions.Path(centres)  # (time, 3) in the skin's link [m]
+            return bk.motions.Path(centres)  # (time, 3) in the axes of body.front_link [m]
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ TOUR = ("mouth", "nose", "right_eye", "left_eye", "nose")
 class Motion(abc.ABC):
     """What the hand does, and how it is sampled.
 
-    A class says by two attributes what the paper's protocol demands of it; an embodiment that cannot keep to it is
-    refused. ``in_view``: the eye sees the hand in every sample. ``touches``: the hand is on the skin all the time, and
-    the eye sees it in none; with dynamics it is pressed on.
+    A class says by two attributes what it is for; an embodiment that does not fit is told so. ``in_view``: the eye sees
+    the hand in every sample. ``touches``: the hand is on the skin all the time, and the eye sees it in none; with
+    dynamics it is pressed on.
 
     Attributes:
         speed: Of the hand [m/s].
@@ -93,11 +93,12 @@ class Circle(Motion):
     """Circles in front of the face, in view, as many one way as the other: what a Jacobian is learned from (Fig. 7).
 
     Each trial begins at a phase of its own. The circle is frontal; its centre lies on the line through the hand's
-    centre on the middle taxel.
+    centre on the middle taxel, or, of a body without skin, on the camera's axis.
 
     Attributes:
         radius: Of the circle [m].
-        distance: In front of touching, along the face's forward direction [m].
+        distance: In front of touching, along the face's forward direction; without a skin, the depth in front of the
+            camera [m].
         turns: Each way.
     """
 
@@ -113,18 +114,15 @@ class Circle(Motion):
 
     def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
         """The circles, from a random phase."""
-        skin = body.require_skin()
-        patch = skin.patch
-        middle = (skin.shape[0] // 2) * skin.shape[1] + skin.shape[1] // 2
-        centre = body.touch_centres([middle], self.distance)[0].numpy()
+        frame = body.circle_frame(self.distance)
         way = 2 * np.pi * self.turns
         duration = way * self.radius / self.speed
         times = np.arange(0.0, 2 * duration + 1e-9, sampling)
         turned = np.where(times <= duration, times, 2 * duration - times) * self.speed / self.radius
         angle = rng.uniform(0, 2 * np.pi) + turned
         # Clockwise first, as the eye behind the screen sees it: right, then down.
-        aside = np.cos(angle)[:, None] * patch.right + np.sin(angle)[:, None] * patch.down
-        return Path(centre + self.radius * aside)
+        aside = np.cos(angle)[:, None] * frame.right + np.sin(angle)[:, None] * frame.down
+        return Path(frame.origin + self.radius * aside)
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def build(
 ) -> mujoco.MjModel:
     """The felt part of an embodiment, its hand tied to a target by a spring and a damper.
 
-    Six controls: the target of the hand's centre in the axes of the skin's link [m], and a torque on the hand's link in
+    Six controls: the target of the hand's centre in the axes of ``front_link`` [m], and a torque on the hand's link in
     that link's axes [N m]. The force on the hand is ``stiffness (control - x) - damping v`` in every component. Joint
     values stand where :func:`joint_columns` says. The hand is a sphere that touches the skin's shapes and nothing else;
     there is no gravity. The spring towards rest pulls each joint to ``qpos_spring`` (zero here).
@@ -102,10 +102,12 @@ def build(
     follower = next((joint.name for joint in robot.tree.joints if joint.mimic is not None), None)
     if follower is not None:
         raise InvalidConfig(f"dynamics: joint '{follower}' follows a felt joint; use an embodiment without such joints")
-    if any(joint.kind != "fixed" for joint in body.felt_robot.path(body.require_skin().link)):
+    front = body.front_link
+    if any(joint.kind != "fixed" for joint in body.felt_robot.path(front)):
         # A target that moved with the skin would push the skin away by the force on the hand.
+        kind = "camera" if body.skin is None else "skin"
         raise InvalidConfig(
-            f"dynamics: a felt joint moves the skin's link '{body.require_skin().link}'; feel others only"
+            f"dynamics: a felt joint moves the {kind}'s link '{front}'; feel others only, or use dynamics=False"
         )
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
@@ -124,14 +126,17 @@ def build(
     carrier.add_site(name="hand", pos=centre, quat=quaternion)
     contact = {"condim": 3 if friction else 1, "friction": [friction, 0.0, 0.0], "solref": [CONTACT_TIME, 1.0]}
     sphere = [body.hand.radius, 0.0, 0.0]
-    carrier.add_geom(name="hand", type=_GEOMS["sphere"], size=sphere, pos=centre, contype=1, conaffinity=0, **contact)
-    carrier, body_T_link = places[body.require_skin().link]
-    carrier.add_site(name="skin", pos=body_T_link[:3, 3], quat=_quaternion(body_T_link))
-    for shape in body.require_skin().shapes:
+    if body.skin is not None:
+        carrier.add_geom(
+            name="hand", type=_GEOMS["sphere"], size=sphere, pos=centre, contype=1, conaffinity=0, **contact
+        )
+    carrier, body_T_link = places[front]
+    carrier.add_site(name="front", pos=body_T_link[:3, 3], quat=_quaternion(body_T_link))
+    for shape in () if body.skin is None else body.skin.shapes:
         _add_shape(carrier, shape, body_T_link, contype=0, conaffinity=1, **contact)
 
     for axis in range(3):
-        drag = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_SITE, target="hand", refsite="skin", gear=_unit(axis))
+        drag = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_SITE, target="hand", refsite="front", gear=_unit(axis))
         drag.set_to_position(kp=stiffness, kv=damping)
     for axis in range(3):
         torque = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_SITE, target="hand", gear=_unit(3 + axis))

@@ -1,4 +1,4 @@
-"""Where the hand is led: paths of its centre in the axes of the skin's link, sampled in time.
+"""Where the hand is led: paths of its centre in the axes of the skin's link (or the camera's), sampled.
 
 A path knows no joints; motions (:mod:`bodyimage_kin.recordings.motions`) make them.
 """
@@ -25,7 +25,7 @@ class Path:
     """A path of the hand's centre.
 
     Attributes:
-        centres: (time, 3) in the skin's link [m].
+        centres: (time, 3) in the axes of the body's ``front_link`` [m].
         at_reference: (time,) whether the hand rests at the reference taxel; None: nowhere.
     """
 

@@ -4,13 +4,14 @@ Each trial has its own random streams, spawned from the seed: path, rest posture
 kind of noise on changes nothing else, and a trial is the same however many there are.
 
 Every motion comes without dynamics (the joints follow the hand with the least displacement) and with: an external force
-drags the hand, the arm follows passively (:mod:`bodyimage_kin.recordings.dynamics`).
+drags the hand, the arm follows passively.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,7 +22,7 @@ from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.errors import InvalidConfig, Unreachable
+from bodyimage_kin.errors import DataWarning, InvalidConfig, Unreachable
 from bodyimage_kin.recordings.contacts import find_contacts, touched_taxels
 from bodyimage_kin.recordings.kinematic import follow
 from bodyimage_kin.recordings.motions import Motion, written
@@ -58,8 +59,9 @@ def simulate(
         A recording; the module :mod:`bodyimage_kin.recordings.schema` says what is in it.
 
     Raises:
-        InvalidConfig: A setting out of range, or an embodiment whose eye sees the hand where it must not, or not where
-            it must.
+        InvalidConfig: A setting out of range, or an embodiment whose eye sees nothing of a motion in its view; of one
+            that sees a part of it, or the hand while it touches, a DataWarning tells.
+        NoSkin: A motion on the skin of a body that has none.
         InvalidURDF: With dynamics, a robot without masses.
         Unreachable: The hand cannot follow within the joint limits.
         UnknownName: A landmark that the skin does not have.
@@ -99,9 +101,11 @@ def simulate_many(
     seeds = [_checks.whole("seed", seed, least=0) for seed in seeds]
     streams = [[trial.spawn(6) for trial in np.random.SeedSequence(seed).spawn(asked.trials)] for seed in seeds]
     flat = [stream for trials in streams for stream in trials]
-    moved = iter(_lead(asked, flat) if asked.drag is None else _drag(asked, asked.drag, flat, threads))
+    moved = _lead(asked, flat) if asked.drag is None else _drag(asked, asked.drag, flat, threads)
+    _say(asked, moved)
+    each = iter(moved)
     return [
-        _note(asked, seed, trials, [next(moved) for _ in trials]) for seed, trials in zip(seeds, streams, strict=True)
+        _note(asked, seed, trials, [next(each) for _ in trials]) for seed, trials in zip(seeds, streams, strict=True)
     ]
 
 
@@ -187,9 +191,7 @@ def _lead(asked: _Asked, streams: Sequence[Stream]) -> list[_Moved]:
     for stream in streams:
         way = _path(asked, stream, motion.sampling)
         q = follow(body, way.centres, _rest(asked, stream), float(pull))
-        with torch.no_grad():
-            in_skin = body.hand_in_skin(torch.from_numpy(q)).numpy()
-        moved.append(_Moved(q, way.resting, _look(asked, q), body.require_skin().touched(in_skin, body.hand.radius)))
+        moved.append(_Moved(q, way.resting, _look(asked, q), _touched(body, q)))
     return moved
 
 
@@ -210,12 +212,22 @@ def _drag(asked: _Asked, settings: Drag, streams: Sequence[Stream], threads: int
     moved = []
     dragged = dynamics.drag(body, courses, settings, asked.noise, sampling=motion.sampling, threads=threads)
     for way, q in zip(ways, dragged, strict=True):
-        with torch.no_grad():
-            in_skin = body.hand_in_skin(torch.from_numpy(q)).numpy()
-        contacts = find_contacts(body.require_skin(), in_skin, body.hand.radius, settings.tolerance)
-        taxel = touched_taxels(body.require_skin(), contacts)
+        taxel = _touched(body, q, settings.tolerance)
         moved.append(_Moved(q, way.resting[::every], body.visible(q).numpy(), taxel))
     return moved
+
+
+def _touched(
+    body: Embodiment, q: Float[np.ndarray, "time p"], tolerance: float | None = None
+) -> Int[np.ndarray, "time"]:
+    """The taxel that each posture touches, -1 where none; by contact with the skin's shapes where one is tolerated."""
+    if body.skin is None:
+        return np.full(len(q), -1, dtype=np.int64)
+    with torch.no_grad():
+        in_skin = body.hand_in_skin(torch.from_numpy(q)).numpy()
+    if tolerance is None:
+        return body.skin.touched(in_skin, body.hand.radius)
+    return touched_taxels(body.skin, find_contacts(body.skin, in_skin, body.hand.radius, tolerance))
 
 
 def _check_view(asked: _Asked, centres: Float[np.ndarray, "time 3"]) -> None:
@@ -229,27 +241,41 @@ def _check_view(asked: _Asked, centres: Float[np.ndarray, "time 3"]) -> None:
     _look(asked, q.numpy())
 
 
+_PASSED_OVER = 0.1
+"""Share of samples that a swinging arm may take out of view, or into it, without a word."""
+
+
 def _look(asked: _Asked, postures: Float[np.ndarray, "time p"]) -> Bool[np.ndarray, "time"]:
-    """Which samples are seen: all or none where the motion demands it, or the embodiment is wrong."""
+    """Which samples are seen; a motion in view of which nothing is seen is refused."""
     body, motion = asked.body, asked.motion
     visible = body.visible(postures).numpy()
-    if motion.in_view and not visible.all():
+    if motion.in_view and not visible.any():
         raise InvalidConfig(
-            f"embodiment '{body.name}': the eye does not see the hand in {int((~visible).sum())} of {len(visible)} "
-            f"samples of {type(motion).__name__}; move it (distance, radius) or mend camera and skin"
-        )
-    if motion.touches and visible.any():
-        raise InvalidConfig(
-            f"embodiment '{body.name}': the eye sees the hand in {int(visible.sum())} of {len(visible)} samples while "
-            "it touches the skin; mend camera and skin"
+            f"embodiment '{body.name}': the eye does not see the hand in {len(visible)} of {len(visible)} samples of "
+            f"{type(motion).__name__}; move it (distance, radius) or mend the camera"
         )
     return visible
+
+
+def _say(asked: _Asked, moved: Sequence[_Moved]) -> None:
+    """Warns, once a call, of an eye that does not see what the motion shows it, or sees what it is to hide."""
+    body, motion = asked.body, asked.motion
+    visible = np.concatenate([np.zeros(0, dtype=bool), *(trial.visible for trial in moved)])
+    share = visible.mean() if len(visible) else float(motion.in_view)
+    if motion.in_view and 1 - share > _PASSED_OVER:
+        said = f"does not see the hand in {int((~visible).sum())} of {len(visible)} samples of {type(motion).__name__}"
+    elif motion.touches and share > _PASSED_OVER:
+        said = f"sees the hand in {int(visible.sum())} of {len(visible)} samples while it touches the skin"
+    else:
+        return
+    message = f"embodiment '{body.name}': the eye {said}; `bodyimage-kin embodiment check` says why"
+    warnings.warn(message, DataWarning, stacklevel=3)
 
 
 def _note(asked: _Asked, seed: int, streams: Sequence[Stream], moved: Sequence[_Moved]) -> xr.Dataset:
     """The recording of these trials: what is felt and what is true."""
     body, noise, motion = asked.body, asked.noise, asked.motion
-    skin, model = body.require_skin(), body.camera.model
+    skin, model = body.skin, body.camera.model
     trials, samples = len(moved), max(len(trial.q) for trial in moved)
     q = np.full((trials, samples, body.p), np.nan)
     true_q = q.copy()
@@ -273,20 +299,24 @@ def _note(asked: _Asked, seed: int, streams: Sequence[Stream], moved: Sequence[_
         image[trial, here] = np.where(one.visible[:, None], noisy, np.nan)
         silent = for_silence.random(len(one.q)) < motion.silence
         touched[trial, here, 0] = np.where(silent, -1, one.taxel)
-    with torch.no_grad():
-        reference_image = body.hand_image(body.touch_postures([skin.reference]))[0].numpy()
-    return assemble(
-        {
-            "q": q,
-            "hand_image": image,
+    variables: dict[str, np.ndarray] = {
+        "q": q,
+        "hand_image": image,
+        "true_q": true_q,
+        "true_hand_image": true_image,
+        "true_hand_position": position,
+    }
+    if skin is not None:
+        with torch.no_grad():
+            at_rest = body.hand_image(body.touch_postures([skin.reference]), on_invisible="nan")[0].numpy()
+        variables |= {
             "touched": touched,
-            "at_reference": at_reference,
-            "reference_image": reference_image,
-            "true_q": true_q,
-            "true_hand_image": true_image,
-            "true_hand_position": position,
             "true_touched": true_touched,
-        },
+            "at_reference": at_reference,
+            "reference_image": at_rest,
+        }
+    return assemble(
+        variables,
         joints=body.joints,
         axes=model.names,
         time=np.round(np.arange(samples) * motion.sampling, 9),
@@ -297,8 +327,7 @@ def _note(asked: _Asked, seed: int, streams: Sequence[Stream], moved: Sequence[_
             "embodiment": body.name,
             "embodiment_sha256": body.sha256,
             "urdf_sha256": body.robot.sha256,
-            "rows": skin.shape[0],
-            "columns": skin.shape[1],
+            **({} if skin is None else {"rows": skin.shape[0], "columns": skin.shape[1]}),
             "sampling": motion.sampling,
             "encoder_noise": noise.encoder,
             "image_noise": noise.image,

@@ -13,6 +13,8 @@ from bodyimage_kin.robot._xml import MAX_BYTES
 
 _REMEDY: Final = "give a path, or text beginning with '<'"
 _LONGEST_PATH: Final = 4096
+_SHOWN: Final = 300
+"""Characters of a path that an error shows."""
 
 
 def read(source: object) -> tuple[bytes, Path | None]:
@@ -47,7 +49,9 @@ def _from_path(name: str | bytes) -> tuple[bytes, Path]:
             return file.read(MAX_BYTES + 1), path
     except (OSError, ValueError) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else str(problem)
-        raise InvalidURDF(f"cannot read {quote(text)}: {reason}", remedy=_REMEDY) from None
+        # Of a path the last part says most.
+        name = repr(text) if len(text) <= _SHOWN else quote(text)
+        raise InvalidURDF(f"cannot read {name}: {reason}", remedy=_REMEDY) from None
 
 
 def _as_path(data: bytes) -> str:

@@ -12,6 +12,8 @@ from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.robot import transforms
 from bodyimage_kin.robot.tree import Joint, JointKind, KinematicTree
 
+__all__ = ["read_table"]
+
 _KINDS: Final[dict[str, JointKind]] = {kind: kind for kind in get_args(JointKind)}
 _Z: Final = (0.0, 0.0, 1.0)
 _Place = tuple[str, JointKind, str, str]

@@ -12,6 +12,21 @@ from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.robot.transforms import Vector
 from bodyimage_kin.robot.tree import Placed
 
+__all__ = [
+    "Box",
+    "Capsule",
+    "Collision",
+    "Colour",
+    "Cylinder",
+    "Inertial",
+    "LinkGeometry",
+    "Mesh",
+    "Part",
+    "Shape",
+    "Sphere",
+    "Visual",
+]
+
 Colour = tuple[float, float, float, float]
 Part = Literal["visual", "collision", "inertial"]
 

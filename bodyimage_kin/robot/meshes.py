@@ -24,6 +24,8 @@ from bodyimage_kin.robot.geometry import Box, Capsule, Cylinder, Mesh, Shape, Sp
 if TYPE_CHECKING:
     import trimesh
 
+__all__ = ["MESH_SUFFIXES", "load_mesh", "triangulate"]
+
 MESH_SUFFIXES = frozenset({".stl", ".obj", ".dae", ".ply", ".off", ".glb"})
 """The mesh files that are read."""
 _PACKAGE = re.compile(r"package://([^/]+)/(.+)")
@@ -65,7 +67,7 @@ def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path
     """The triangles of a mesh file, scaled [m]; see :func:`triangulate`."""
     import trimesh
 
-    path = _find(mesh.filename, link, file and file.parent, mesh_folder)
+    path = mesh_path(mesh, link, file, mesh_folder)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -79,6 +81,11 @@ def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path
         raise InvalidGeometry(f"link {link!r}: mesh {path} cannot be read: {problem}; mend the file") from problem
     loaded.apply_transform(np.diag([*mesh.scale, 1.0]))
     return loaded
+
+
+def mesh_path(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> Path:
+    """Where a mesh's file is; see :func:`triangulate`."""
+    return _find(mesh.filename, link, file and file.absolute().parent, mesh_folder)
 
 
 def _find(name: str, link: str, home: Path | None, folder: Path | None) -> Path:

@@ -24,6 +24,8 @@ from bodyimage_kin.robot.geometry import LinkGeometry
 from bodyimage_kin.robot.transforms import Vector
 from bodyimage_kin.robot.tree import UNLIMITED, Joint, JointKind, KinematicTree, Mimic, welded
 
+__all__ = ["MAX_BYTES", "MAX_DEPTH", "MAX_JOINTS", "Reading", "read_urdf"]
+
 _KINDS: Final[dict[str, JointKind]] = {kind: kind for kind in get_args(JointKind)}
 _INSTEAD: Final = {
     "planar": "write it as two prismatic joints and a continuous one",

@@ -7,7 +7,6 @@ do, from the kinematic core that :meth:`Robot.to_urdf` writes. Everything here i
 from __future__ import annotations
 
 import hashlib
-import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,10 +21,12 @@ from jaxtyping import Float64
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array, as_postures, refuse_not_finite
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, UnknownName
-from bodyimage_kin.robot import _source, dh, transforms
+from bodyimage_kin.robot import _page, _source, dh, transforms
 from bodyimage_kin.robot.geometry import LinkGeometry
 from bodyimage_kin.robot.reader import read_urdf
 from bodyimage_kin.robot.tree import Joint, KinematicTree, Mimic, welded, write_core
+
+__all__ = ["Posture", "Robot", "Source"]
 
 Posture: TypeAlias = "ArrayLike | Mapping[str, float]"
 Source: TypeAlias = Any
@@ -122,17 +123,7 @@ class Robot:
 
     def _repr_html_(self) -> str:
         """The same for notebooks: a line, and a table of the joints that a posture has values for."""
-        head = f"<b>{html.escape(self.name)}</b>: {len(self.link_names)} links from "
-        head += f"<code>{html.escape(self.root)}</code>, sha256 {self.sha256[:12]}"
-        cells = [
-            (str(index), joint.name, joint.kind, joint.parent, joint.child, f"{joint.lower:g}", f"{joint.upper:g}")
-            for index, joint in enumerate(self.moving_joints)
-        ]
-        names = ("q", "joint", "kind", "parent", "child", "lower", "upper")
-        rows = ["".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in cells]
-        table = "".join(f"<tr>{row}</tr>" for row in ("".join(f"<th>{cell}</th>" for cell in names), *rows))
-        notes = "".join(f"<li>{html.escape(note)}</li>" for note in self.notes)
-        return f"<p>{head}</p><table>{table}</table>" + (f"<ul>{notes}</ul>" if notes else "")
+        return _page.of(self.tree, self.moving_joints, self.sha256, self.notes)
 
     # Names and order -------------------------------------------------------------------------------------------------
 

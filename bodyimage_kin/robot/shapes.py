@@ -17,6 +17,8 @@ from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.geometry import Box, Capsule, Collision, Cylinder, Sphere
 from bodyimage_kin.robot.transforms import Matrix4
 
+__all__ = ["Points", "Shape", "blocked", "cast", "collision_shapes"]
+
 Points = Float[np.ndarray, "count 3"]
 
 

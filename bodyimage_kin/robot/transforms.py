@@ -8,6 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+__all__ = [
+    "Matrix3",
+    "Matrix4",
+    "Vector",
+    "axis_angle_matrix",
+    "matrix_rpy",
+    "quaternion_matrix",
+    "rpy_matrix",
+    "transform",
+]
+
 Vector = tuple[float, float, float]
 Matrix3 = Float[np.ndarray, "3 3"]
 Matrix4 = Float[np.ndarray, "4 4"]

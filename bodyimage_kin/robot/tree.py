@@ -13,6 +13,8 @@ import numpy as np
 from bodyimage_kin.robot import transforms
 from bodyimage_kin.robot.transforms import Matrix4, Vector
 
+__all__ = ["UNLIMITED", "Joint", "JointKind", "KinematicTree", "Mimic", "Placed", "welded", "write_core"]
+
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 UNLIMITED: Final = sys.float_info.max
 """How a limit that is none is written, and read: what every parser takes, as XML has no infinity."""

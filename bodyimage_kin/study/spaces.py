@@ -58,6 +58,17 @@ SPACES: Mapping[str, Table] = {
         "roughness": {"log_uniform": [1.0, 256.0]},
         "iterations": {"choice": [1, 2, 4]},
     },
+    "Polynomial": {
+        "degree": {"choice": [1, 2, 3, 4]},
+        "penalty": _PENALTY_OR_OWN,
+        "roughness": {"log_uniform": [1.0, 256.0]},
+    },
+    "RationalPolynomial": {
+        "degree": {"choice": [1, 2, 3, 4]},
+        "penalty": _PENALTY_OR_OWN,
+        "roughness": {"log_uniform": [1.0, 256.0]},
+        "iterations": {"choice": [1, 2, 4]},
+    },
     "GaussianProcess": {
         "kernel": {"choice": ["trigonometric", "radial"]},
         "degree": {"choice": [1, 2, 3, 4, 5]},
@@ -73,13 +84,15 @@ SPACES: Mapping[str, Table] = {
         "image_noise": {"log_uniform": [1e-5, 1e-2]},
         "spread": {"log_uniform": [1e-2, 1.0]},
     },
-    # It takes over the settings that were tuned for its members' spec.
+    # They take over the settings that were tuned for the estimator within.
     "Ensemble": {},
+    "Conformal": {},
     # The spreads are no settings but prior knowledge: how well the body is known beforehand.
     "SelfCalibration": {"starts": {"log_uniform": [1, 6]}, "steps": {"log_uniform": [20, 100]}},
     # The truth, and what was learned elsewhere.
     "Analytic": {},
     "Given": {},
+    "Nominal": {},
     "Saved": {},
 }
 """Class -> space. None within a choice is the setting's own None."""

@@ -18,7 +18,7 @@ def test_help_names_every_command_and_imports_nothing_heavy():
         "assert not {'torch', 'numpy', 'pinocchio', 'matplotlib'} & set(sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    for command in ("reproduce", "study", "report", "fit", "conform"):
+    for command in ("reproduce", "study", "report", "fit", "conform", "embodiment"):
         assert command in done.stdout
 
 

@@ -19,26 +19,34 @@ def learned(circle):
 
 def test_it_is_the_mean_of_its_members(learned, body):
     q = body.felt_home.expand(4, -1)
-    members = learned.member_jacobians(q)
+    members = torch.stack([member.jacobian(q) for member in learned.members])
     assert members.shape == (3, 4, 2, 5)
     torch.testing.assert_close(learned.jacobian(q), members.mean(0))
-    torch.testing.assert_close(learned.jacobian_std(q), members.std(0))
-    assert (learned.jacobian_std(q) > 0).all()
+    variance = learned.covariance(q).diagonal(dim1=-2, dim2=-1).reshape(4, 2, 5)
+    torch.testing.assert_close(variance.sqrt(), members.std(0))
+    assert (variance > 0).all()
 
 
-def test_draws_are_members(learned, body):
-    draws = learned.jacobian_draws(body.felt_home, 20, seed=0)
-    members = learned.member_jacobians(body.felt_home)
-    assert all(any(torch.equal(draw, member) for member in members) for draw in draws)
-    assert len({draw.sum().item() for draw in draws}) == 3
+def test_covariances_are_those_of_members(learned, body):
+    q, dq = body.felt_home, 0.1 * torch.arange(5, dtype=torch.float64)
+    entries = np.stack([member.jacobian(q).flatten().numpy() for member in learned.members])
+    np.testing.assert_allclose(learned.covariance(q), np.cov(entries.T), rtol=1e-10, atol=1e-18)
+    moved = np.stack([member.displacement(q, dq).numpy() for member in learned.members])
+    np.testing.assert_allclose(learned.displacement_covariance(q, dq), np.cov(moved.T), rtol=1e-10, atol=1e-18)
+
+
+def test_draws_are_members(learned):
+    draws = learned.draws(20, seed=0)
+    assert all(any(draw is member for member in learned.members) for draw in draws)
+    assert len(set(map(id, draws))) == 3
 
 
 def test_members_that_draw_nothing_differ_by_what_they_miss(circle, body):
     exp = bk.experience(circle)
     alike = Ensemble(Ridge(1e-6), members=3).fit(exp)
     apart = Ensemble(Ridge(1e-6), members=3, missing=0.3).fit(exp)
-    assert alike.jacobian_std(body.felt_home).max() < 1e-15
-    assert apart.jacobian_std(body.felt_home).max() > 1e-9
+    assert alike.covariance(body.felt_home).abs().max() < 1e-30
+    assert apart.covariance(body.felt_home).diagonal().max() > 1e-18
 
 
 def test_other_seeds_are_other_members(circle, learned):

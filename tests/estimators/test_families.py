@@ -18,13 +18,17 @@ SPECS = {
     "NearestNeighbours": estimators.NearestNeighbours(),
     "LocallyWeighted": estimators.LocallyWeighted(),
     "TrigRidge": estimators.TrigRidge(),
+    "Polynomial": estimators.Polynomial(),
     "RationalTrig": estimators.RationalTrig(degree=2),
+    "RationalPolynomial": estimators.RationalPolynomial(),
     "GaussianProcess": estimators.GaussianProcess(degree=2, most=60),
     "GaussianProcess-radial": estimators.GaussianProcess("radial", most=60),
     "Broyden": estimators.Broyden(),
     "RecursiveLeastSquares": estimators.RecursiveLeastSquares(),
     "Kalman": estimators.Kalman(),
     "Ensemble": estimators.Ensemble(estimators.ForwardNetwork(hidden=(4,), steps=5), members=2),
+    "Conformal": estimators.Conformal(estimators.Ridge(), level=0.8),
+    "Conformal-network": estimators.Conformal(estimators.ForwardNetwork(hidden=(4,), steps=5), level=0.8),
 }
 
 
@@ -56,7 +60,7 @@ def q(body):
 
 def test_every_estimator_is_tested_here():
     tested = {name.partition("-")[0] for name in SPECS} | {"SelfCalibration"}
-    assert set(estimators.names()) - {"LeastSquares", "PaperMLP", "Analytic", "Given", "Saved"} == tested
+    assert set(estimators.names()) - {"LeastSquares", "PaperMLP", "Analytic", "Given", "Saved", "Nominal"} == tested
 
 
 def test_the_jacobian_is_the_derivative_of_the_displacement_at_rest(learned, q):

@@ -25,6 +25,12 @@ def learned(request):
 INSIDE = torch.tensor([[0.0, 0.0], [0.5, -0.3], [-0.6, 0.4]], dtype=torch.float64)
 
 
+def spread(learned, q):
+    """Standard deviation of each entry."""
+    found = learned.covariance(q).diagonal(dim1=-2, dim2=-1).sqrt()
+    return found.reshape(*found.shape[:-1], learned.m, learned.p)
+
+
 def truth(q):
     x, y = q[:, 0], q[:, 1]
     rows = [torch.stack([torch.cos(x), torch.cos(y) / 2], -1)]
@@ -33,30 +39,13 @@ def truth(q):
 
 
 def test_the_truth_is_within_what_the_posterior_allows(learned):
-    away = (learned.jacobian(INSIDE) - truth(INSIDE)) / learned.jacobian_std(INSIDE)
+    away = (learned.jacobian(INSIDE) - truth(INSIDE)) / spread(learned, INSIDE)
     assert away.abs().max() < 4.0
     assert (learned.jacobian(INSIDE) - truth(INSIDE)).abs().max() < 5e-3
 
 
-def test_draws_have_the_mean_and_spread_of_the_posterior(learned):
-    draws = learned.jacobian_draws(INSIDE, 4000, seed=0)
-    std = learned.jacobian_std(INSIDE)
-    assert draws.shape == (4000, 3, 2, 2)
-    assert std.shape == (3, 2, 2)
-    assert ((draws.mean(0) - learned.jacobian(INSIDE)) / std).abs().max() < 0.15
-    assert (draws.std(0) / std - 1.0).abs().max() < 0.15
-
-
-def test_a_draw_is_one_function_wherever_it_is_asked(learned):
-    whole = learned.jacobian_draws(INSIDE, 5, seed=2)
-    torch.testing.assert_close(learned.jacobian_draws(INSIDE[1], 5, seed=2), whole[:, 1])
-    near = learned.jacobian_draws(INSIDE + 1e-6, 5, seed=2)
-    assert (near - whole).abs().max() < 1e-4 * learned.jacobian_std(INSIDE).max()
-    assert not torch.equal(learned.jacobian_draws(INSIDE, 5, seed=3), whole)
-
-
 def test_doubt_grows_away_from_what_was_seen(learned):
-    home, far = learned.jacobian_std([0.0, 0.0]), learned.jacobian_std([2.5, 2.5])
+    home, far = spread(learned, [0.0, 0.0]), spread(learned, [2.5, 2.5])
     assert (far > 2.0 * home).all()
 
 
@@ -69,12 +58,6 @@ def test_an_image_that_stands_still_has_no_scale(circle):
     still = exp.assign(hand_image=exp.hand_image * 0.0)
     with pytest.raises(InvalidRecording, match="never moves"):
         GaussianProcess().fit(still)
-
-
-def test_draws_are_counted(learned):
-    for draws in (0, -1, True):
-        with pytest.raises(InvalidConfig, match="draws"):
-            learned.jacobian_draws(INSIDE, draws)
 
 
 def test_kernels_are_known():

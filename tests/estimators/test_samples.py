@@ -175,13 +175,16 @@ EVERY = {
     "NearestNeighbours": estimators.NearestNeighbours(),
     "LocallyWeighted": estimators.LocallyWeighted(),
     "TrigRidge": estimators.TrigRidge(degree=2),
+    "Polynomial": estimators.Polynomial(degree=2),
     "RationalTrig": estimators.RationalTrig(degree=2),
+    "RationalPolynomial": estimators.RationalPolynomial(),
     "GaussianProcess": estimators.GaussianProcess(degree=2, most=40),
     "GaussianProcess-radial": estimators.GaussianProcess("radial", most=40),
     "Ensemble": estimators.Ensemble(estimators.Ridge(), members=2, missing=0.3),
+    "Conformal": estimators.Conformal(estimators.Ridge(), level=0.7),
 }
 STREAMS_ALONE = {"Broyden", "RecursiveLeastSquares", "Kalman"}
-LEARNED_ALREADY = {"Given", "Saved"}
+LEARNED_ALREADY = {"Given", "Saved", "Nominal"}
 OF_A_BODY = {"SelfCalibration": {"starts": 1, "steps": 5}, "Analytic": {}}
 
 

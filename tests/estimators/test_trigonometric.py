@@ -10,8 +10,8 @@ from experiences import taught
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators import LeastSquares, RationalTrig, TrigRidge
-from bodyimage_kin.estimators._trigonometric import TrigBasis
-from bodyimage_kin.estimators.rational_trig import _solve
+from bodyimage_kin.estimators._basis import TrigBasis
+from bodyimage_kin.estimators.rational import _solve
 from bodyimage_kin.metrics import pooled_relative_error
 
 

@@ -291,7 +291,7 @@ def test_the_circle_and_its_senses_are_as_the_eye_sees_them(any_body, made):
     q = round_the_screen(any_body)
     outside, screen = (made(name, any_body).axes[0] for name in ("sight", "image"))
     image = 1000 * any_body.hand_image(q).numpy()
-    assert lines(screen, "its image on the screen")[0] == pytest.approx(image)
+    assert lines(screen, "image of the hand")[0] == pytest.approx(image)
     assert screen.get_ylim()[0] > screen.get_ylim()[1]
     assert {"clockwise", "anticlockwise"} <= set(texts(screen))
     middle = (image.max(0) + image.min(0)) / 2

@@ -1,10 +1,13 @@
 """Pictures are true to scale, what is in front covers what is behind, and a view is chosen by what it shows."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import bodyimage_kin as bk
 from bodyimage_kin import figures
+from bodyimage_kin.body.cameras import Camera, Tracker
 from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.figures import _visuals as visuals
 from bodyimage_kin.figures._rasteriser import draw_surface, render
@@ -121,6 +124,13 @@ def test_the_face_looks_where_its_skin_does(body):
     normal = body.skin.normals.numpy().mean(0)
     forward = -View(np.zeros(3), azimuth, elevation).axes()[2]
     assert forward @ normal / np.linalg.norm(normal) > 0.99
+
+
+def test_a_face_that_looks_up_is_seen_from_above(body):
+    up = np.eye(4)
+    up[2, 3] = 1.0
+    bare = dataclasses.replace(body, skin=None, camera=Camera(body.robot.root, up, Tracker()))
+    assert facing(bare) == (0.0, 90.0)
 
 
 def test_nothing_to_draw_is_told():

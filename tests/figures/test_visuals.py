@@ -1,6 +1,7 @@
 """Triangles stand where the joints put them, and no file outside the folder is read."""
 
 import os
+import re
 import warnings
 
 import numpy as np
@@ -64,7 +65,7 @@ def test_mimic_joint_follows_along_its_normalised_axis():
     assert {surface.link_names[index] for index in surface.links} == {"slide"}
 
 
-def test_meshes_are_read_scaled_and_only_from_their_folder(tmp_path):
+def test_meshes_are_read_scaled_and_only_from_their_folder(tmp_path, monkeypatch):
     folder = tmp_path / "robot"
     (folder / "pkg").mkdir(parents=True)
     cube = trimesh.creation.box(extents=[1, 1, 1])
@@ -92,6 +93,8 @@ def test_meshes_are_read_scaled_and_only_from_their_folder(tmp_path):
             triangles(urdf, {})
     urdf.write_text(MESH.format("../cube.stl"))
     assert len(triangles(urdf, {}, mesh_folder=tmp_path).corners) == 12
+    monkeypatch.chdir(folder)
+    assert len(triangles("robot.urdf", {}, mesh_folder=tmp_path).corners) == 12
     with pytest.raises(InvalidGeometry, match="mesh_folder"):
         triangles(MESH.format("cube.stl"), {})
 
@@ -174,3 +177,20 @@ def test_meshes_of_packages_are_found_where_the_environment_says(tmp_path, monke
     around.write_text(urdf)
     (tmp_path / "0" / "src" / "pkg" / "meshes").rename(tmp_path / "pkg" / "meshes")
     assert len(triangles(around, {}).corners) == 12
+
+
+def test_a_robot_without_visuals_is_rods_between_its_joints():
+    bare = re.sub("<visual>.*?</visual>", "", BOX, flags=re.DOTALL)
+    surface = triangles(bare, {"turn": 0.7})
+    assert {surface.link_names[index] for index in surface.links} == {"base", "arm", "slide"}
+    base = surface.corners[surface.links == 0].reshape(-1, 3)
+    # From the root to the joint half a metre above it, and no farther than the rod is thick.
+    assert base[:, 2].max() == pytest.approx(0.5, abs=1e-6)
+    assert np.abs(base[:, :2]).max() < 0.05
+    volume = np.einsum("ij,ij->i", surface.corners[:, 0], np.cross(surface.corners[:, 1], surface.corners[:, 2])).sum()
+    assert volume > 0, "counterclockwise from outside"
+    x, y, z = (0.3, -0.2, 0.1)
+    slanted = triangles(bare.replace('<origin xyz="0 0 0.5" rpy="0 0 0.4"/>', f'<origin xyz="{x} {y} {z}"/>'), {})
+    rod = slanted.corners[slanted.links == 0].reshape(-1, 3)
+    along = np.array([x, y, z]) / np.linalg.norm([x, y, z])
+    assert (rod @ along).max() == pytest.approx(np.linalg.norm([x, y, z]), abs=1e-6)

@@ -304,6 +304,7 @@ SHAPES = [
     Shape("sphere", (0.05,), TURNED),
     Shape("box", (0.03, 0.05, 0.07), TURNED),
     Shape("cylinder", (0.04, 0.06), TURNED),
+    Shape("capsule", (0.03, 0.04), TURNED),
 ]
 
 
@@ -423,6 +424,40 @@ def test_robots_that_cannot_be_dragged_are_refused(tmp_path):
     )
     with pytest.raises(InvalidURDF, match="mass"):
         build(weightless)
+
+
+@pytest.mark.parametrize(
+    ("inertial", "problem"),
+    [
+        (
+            '<inertial><mass value="heavy"/></inertial>',
+            "mass and inertia are needed here: link 'left_palm', line .*'heavy'",
+        ),
+        ('<inertial><mass value="1"/></inertial>', "link 'left_palm': its inertial has no inertia; add <inertia>"),
+    ],
+)
+def test_a_mass_that_cannot_be_read_is_an_error_where_it_is_needed(inertial, problem, tmp_path):
+    def spoilt(urdf, link):
+        start = urdf.index("<inertial>", urdf.index(f'<link name="{link}"'))
+        return urdf[:start] + inertial + urdf[urdf.index("</inertial>", start) + len("</inertial>") :]
+
+    arm = ["left_shoulder_pitch", "left_shoulder_roll", "left_shoulder_yaw", "left_elbow", "left_wrist"]
+    with pytest.raises(InvalidURDF, match=problem):
+        build(other_body(tmp_path, arm, lambda urdf: spoilt(urdf, "left_palm")))
+    # No felt joint moves the other one.
+    build(other_body(tmp_path, arm, lambda urdf: spoilt(urdf, "right_palm")))
+
+
+def test_a_joint_without_limits_is_free_in_the_simulation_too(tmp_path):
+    arm = ["left_shoulder_pitch", "left_shoulder_roll", "left_shoulder_yaw", "left_elbow", "left_wrist"]
+
+    def freed(urdf):
+        elbow = urdf.index('<joint name="left_elbow"')
+        start = urdf.index("<limit", elbow)
+        return urdf[:start] + urdf[urdf.index("/>", start) + 2 :]
+
+    model = build(other_body(tmp_path, arm, freed))
+    assert model.jnt_limited.tolist() == [1, 1, 1, 0, 1]
 
 
 @pytest.mark.parametrize("trials", [1, 3])

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin.errors import InvalidConfig, UnknownName, Unreachable
+from bodyimage_kin.errors import DataWarning, InvalidConfig, UnknownName, Unreachable
 from bodyimage_kin.recordings import check, first_taxel, schema
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
 from bodyimage_kin.recordings.paths import Timeline
@@ -263,11 +263,14 @@ def test_a_circle_out_of_reach_or_out_of_sight_is_refused(body):
         bk.simulate(body, Circle(distance=0.0, turns=0.25), dynamics=False)
 
 
-def test_a_touch_that_is_seen_is_refused(body):
+def test_a_touch_that_is_seen_is_told_and_recorded_as_seen(body):
     near = dataclasses.replace(body.camera.screen, near=0.01)
     sees = dataclasses.replace(body, camera=dataclasses.replace(body.camera, model=near))
-    with pytest.raises(InvalidConfig, match=r"the eye sees the hand in .* samples while it touches"):
-        simulate(sees, "random_touch")
+    with pytest.warns(DataWarning, match=r"the eye sees the hand in \d+ of \d+ samples while it touches"):
+        touch = simulate(sees, "random_touch")
+    seen = np.isfinite(touch.hand_image.values).all(-1)
+    np.testing.assert_array_equal(seen, sees.visible(touch.true_q.values).numpy())
+    assert seen.any()
 
 
 def test_the_state_of_the_global_generators_is_left_alone(body):

@@ -86,6 +86,8 @@ def test_a_study_is_read_as_it_was_written(tmp_path):
 def test_every_estimator_survives_its_table(name, body):
     needed = {
         "Ensemble": {"spec": {"PaperMLP": {}}},
+        "Conformal": {"spec": {"TrigRidge": {}}},
+        "Nominal": {"embodiment": "infant"},
         "Given": {"p": 5, "m": 2, "jacobian": "mine:jacobian"},
         "Saved": {"folder": "learned"},
     }

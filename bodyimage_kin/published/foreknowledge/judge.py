@@ -162,7 +162,7 @@ def markdown(found: Mapping[str, Any]) -> str:
 
 
 def verdict(found: Mapping[str, Any], estimator: str) -> str:
-    """One sentence: who reaches :data:`TARGET` for an estimator, or who comes nearest and how near."""
+    """One sentence: who reaches ``TARGET`` for an estimator, or who comes nearest and how near."""
     r2 = {name: one["r2"]["estimate"] for name, one in found["estimators"][estimator]["predictors"].items()}
     r2 = {name: value for name, value in r2.items() if value is not None}
     if not r2:

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bodyimage_kin import _checks, metrics
-from bodyimage_kin.estimators import GaussianProcess
-from bodyimage_kin.estimators.gaussian_process import ImageProcess
+from bodyimage_kin.estimators import Drawn, GaussianProcess
 from bodyimage_kin.metrics.probes import spread_root
 from bodyimage_kin.published.foreknowledge.known import Foresight, Known, PlausibleTruths, Predictor
 
@@ -93,8 +92,9 @@ class GaussianProcessPosterior(PlausibleTruths):
     ) -> tuple[Float[np.ndarray, "worlds postures m p"], Float[np.ndarray, "worlds postures m p"]]:
         """One world a function; the same is learned in all, for all explain what was seen."""
         process = known.learn(self._process())
-        assert isinstance(process, ImageProcess)
-        drawn = process.jacobian_draws(known.postures, self.draws, known.seed).detach().numpy()
+        assert isinstance(process, Drawn)
+        functions = process.draws(self.draws, known.seed)
+        drawn = np.stack([one.jacobian(known.postures).detach().numpy() for one in functions])
         return drawn, np.broadcast_to(known.estimated, drawn.shape)
 
     def _process(self) -> GaussianProcess:

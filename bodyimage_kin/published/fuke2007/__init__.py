@@ -1,6 +1,7 @@
 """The experiment of Fuke, Ogino and Asada (2007), with the analytic truth beside everything that is learned.
 
-:func:`grid` is the experiment as a study, :func:`judge` what its results say.
+:func:`~bodyimage_kin.published.fuke2007.grid` is the experiment as a study,
+:func:`~bodyimage_kin.published.fuke2007.judge` what its results say.
 """
 
 from bodyimage_kin.published.fuke2007.blindness import FALSE_ALARMS, MEASURES, permuted_error, power
@@ -16,6 +17,7 @@ from bodyimage_kin.published.fuke2007.grid import (
     MOTIONS,
     NETWORK,
     Condition,
+    check,
     grid,
     network,
 )
@@ -39,6 +41,7 @@ __all__ = [
     "Condition",
     "Conditions",
     "Corrupted",
+    "check",
     "grid",
     "judge",
     "network",

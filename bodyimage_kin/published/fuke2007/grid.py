@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bodyimage_kin.body.check import check_embodiment, refuse_errors
+from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.estimators import PaperMLP
 from bodyimage_kin.metrics.probes import Face, Training
 from bodyimage_kin.published.fuke2007.corruption import DOSES, Corrupted
@@ -79,6 +81,21 @@ def network(steps: int) -> PaperMLP:
 def corrupted_row(kind: str, dose: float) -> str:
     """Name of the row of a corrupted truth."""
     return f"{kind}_{dose:g}"
+
+
+def check(embodiment: str = "infant") -> None:
+    """Looks at a body before anything is computed.
+
+    Args:
+        embodiment: Name, or path of a TOML file.
+
+    Raises:
+        InvalidConfig: A body that is unfit for the protocol: the eye sees the hand while it touches, or does not see
+            the circle, or a taxel is out of reach.
+        UnknownName: No such embodiment.
+    """
+    body = load_embodiment(embodiment)
+    refuse_errors(body, check_embodiment(body, paper=True))
 
 
 def grid(

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from bench import frax_arm
 from bodyimage_kin.backends import kinematics
-from bodyimage_kin.backends.torch_backend import _LinkChain
+from bodyimage_kin.backends.torch_backend import LinkChain
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.robot import Robot
 
@@ -193,7 +193,7 @@ def _whole_pinocchio(arm: Arm) -> Call:
 
 def _numpy(arm: Arm) -> Call:
     """Structure of arrays in plain numpy."""
-    chain = _LinkChain.to(arm.robot, arm.link)
+    chain = LinkChain.to(arm.robot, arm.link)
     steps, columns, sliding = chain.steps.numpy(), chain.columns.tolist(), chain.sliding
 
     def forward(q: Tensor) -> tuple[np.ndarray, np.ndarray]:
