@@ -52,6 +52,18 @@ class Wave(bk.motions.Motion):
         )
 
 
+class NoMotion:
+    """Has the method of a motion, and is none."""
+
+    built = 0
+
+    def __init__(self):
+        NoMotion.built += 1
+
+    def path(self, body, rng, sampling):
+        raise AssertionError
+
+
 @dataclass(frozen=True)
 class Careless(Estimator):
     """Does what it should not, and learns all the same."""

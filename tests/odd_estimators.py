@@ -54,6 +54,10 @@ class Odd(Estimator):
             threading.Thread(target=time.sleep, args=(600,)).start()
         if self.way == "guesses":
             return ConstantJacobian(torch.rand(2, 5, dtype=torch.float64))
+        if self.way == "peeks":
+            told = [name for name in (*exp.variables, *exp.attrs, *exp.dims) if "true" in str(name)]
+            assert not told, told
+            return LeastSquares().fit(exp, seed)
         if self.way == "leaks":
             return Lambda(lambda q, dq: torch.zeros(len(q), 2))
         matrix = LeastSquares().fit(exp, seed).matrix

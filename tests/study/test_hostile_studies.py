@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import my_scores
 import pytest
 import tomli_w
 
@@ -105,6 +106,7 @@ WRONG = {
         {"a": {"recording": 3}},
         {"a": {"training": "subprocess:Popen"}},
         {"a": "os:system"},
+        {"a": "my_scores:NoMotion"},
         {"a": DEEP},
     ],
     "estimators": [
@@ -188,8 +190,11 @@ def test_nothing_is_run_before_it_is_known_to_be_what_is_wanted(kind, tmp_path):
         Study.from_table({**SOUND, kind: ["subprocess:Popen"] if kind == "scores" else {"a": popen}})
     with pytest.raises(InvalidConfig):
         Study.from_table({**SOUND, "estimators": {"a": {"Ensemble": {"spec": popen}}}})
+    with pytest.raises(InvalidConfig, match=r"a subclass of bk\.motions\.Motion"):
+        Study.from_table({**SOUND, "recordings": {"a": "my_scores:NoMotion"}})
     time.sleep(0.2)
     assert not ran.exists()
+    assert my_scores.NoMotion.built == 0
 
 
 @pytest.mark.parametrize(

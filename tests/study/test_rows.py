@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 
 import my_scores
@@ -43,6 +44,8 @@ def done(tmp_path_factory):
             "true_reset": Row("LeastSquares", reset="true", on=("still",)),
             "plain": Row("LeastSquares", maps={"kernel": "plain"}, on=("still",)),
             "direct": Row(),
+            "direct_plain": Row(maps={"kernel": "plain"}, on=("still",)),
+            "peeks": Row({"odd_estimators:Odd": {"way": "peeks"}}, on=("still",)),
             "seen": Row({"PaperMLP": {"steps": 5}}, stream="one", on=("still",)),
             "again": Row({"PaperMLP": {"steps": 5}}, stream="one", method="midpoint", on=("still",)),
         },
@@ -122,10 +125,16 @@ def test_direct_sight_has_maps_and_no_jacobian(done):
     results = done[1]
     direct = squeezed(results, estimator="direct")
     assert float(direct["map_error"].max()) == 0.0
+    # Other settings of maps hold for direct sight too.
+    other = squeezed(results, estimator="direct_plain", recording="still")
+    assert float(abs(other["map_error"]).max()) == 0.0
+    assert (other["map_span"] < 0.5 * squeezed(direct, recording="still")["map_span"]).all()
     assert float(direct["touch_trajectory_rmse"].max()) == 0.0
     assert np.isnan(direct["relative_error_use"]).all()
     left_out = json.loads(results.attrs["left_out"])
-    assert left_out["relative_error_use"] == {"there is no learned": ["infant/still/direct", "infant/deep/direct"]}
+    assert left_out["relative_error_use"] == {
+        "there is no learned": ["infant/still/direct", "infant/still/direct_plain", "infant/deep/direct"]
+    }
     assert "map_error" not in left_out
 
 
@@ -151,6 +160,19 @@ def test_scores_of_ones_own_have_dimensions_units_and_words_of_their_own(done):
     assert list(path["axis"].values) == ["x", "y"]
     wanted = bk.metrics.trajectory_rmse(tour["true_hand_image"].values, path.values[None])
     assert float(squeezed(results["trajectory_rmse"], recording="still", estimator="euler", seed=3)) == wanted
+
+
+def test_before_the_first_reset_nobody_knows_where_the_hand_is(done, tmp_path):
+    seen, use = (recording_of(done[2], "still", 3, role) for role in ("training", "use"))
+    late = use.assign(at_reference=use["at_reference"].where(use["time"] > 1.0, False))
+    study = Study(
+        "infant", {"late": Simulation(seen, use=late)}, ["LeastSquares"], seeds=1, scores=["touch_trajectory_rmse"]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bk.errors.DataWarning)
+        found = study.run(tmp_path, "in-process")
+    assert found["failure"].item() == ""
+    assert 0 < found["touch_trajectory_rmse"].item() < 0.1
 
 
 def test_bk_score_gives_what_the_cells_give(done, body):

@@ -191,7 +191,10 @@ def careless(*ways):
 def test_a_cell_prints_into_its_log_and_touches_no_other(executor, tmp_path, capfd):
     found = careless("prints", "closes", "changes").run(tmp_path, executor, workers=1)
     assert (found["failure"] == "").all()
-    assert len(np.unique(found["relative_error"])) == 1
+    for score in ("relative_error", "attribution"):
+        assert (
+            len(np.unique(found[score].stack(all=[dim for dim in found[score].dims if dim != "part"]), axis=-1).T) == 1
+        )
     log = tmp_path / "logs/infant/still/prints/block0.log"
     assert "said" in log.read_text()
     assert ("past Python" in log.read_text()) == (executor is None)
