@@ -20,10 +20,10 @@ from torch import Tensor
 from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidRecording
-from bodyimage_kin.estimators._chain import Chain
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import Samples, samples
 from bodyimage_kin.estimators.base import Estimator
+from bodyimage_kin.estimators.chain import Chain
 from bodyimage_kin.recordings import require_aligned
 
 _ROUNDING = 1e-20

@@ -17,7 +17,6 @@ from typing import Any
 import xarray as xr
 
 import bodyimage_kin as bk
-from bodyimage_kin._files import write_text
 from bodyimage_kin.study import Row, Simulation, chain
 from bodyimage_kin.study.scores import MAP_SCORES, default_scores
 
@@ -117,7 +116,7 @@ def main() -> None:
         bk.report.write(results, arguments.out / name / "report.html", baseline=BASELINE)
         bk.report.publish(results, folder, baseline=BASELINE)
         chains[name] = links(results)
-    write_text(arguments.publish / "chain.json", json.dumps(chains, indent=1) + "\n")
+    (arguments.publish / "chain.json").write_text(json.dumps(chains, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators import SelfCalibration
-from bodyimage_kin.estimators._chain import Chain
+from bodyimage_kin.estimators.chain import Chain
 from bodyimage_kin.estimators.self_calibration import CalibratedChain
 from bodyimage_kin.published.foreknowledge.known import Known, PlausibleTruths
 
