@@ -26,6 +26,8 @@ from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.chain import Chain
 from bodyimage_kin.recordings import require_aligned
 
+__all__ = ["CalibratedChain", "SelfCalibration"]
+
 _ROUNDING = 1e-20
 """Mean squared residual, in units of the images' variance, below which nothing is left to explain."""
 

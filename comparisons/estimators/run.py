@@ -18,7 +18,8 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin.study import Row, Simulation, chain
-from bodyimage_kin.study.scores import MAP_SCORES, default_scores
+from bodyimage_kin.study.scores import MAP_SCORES
+from bodyimage_kin.study.scoring import default_scores
 
 HERE = Path(__file__).parent
 BASELINE = "paper_mlp"
