@@ -27,6 +27,9 @@ METHODS = {
     "BodyImage": "learn",
     "metrics": "jacobian_errors attribute excitation motion_metric depth_ratio",
     "probes": "Probe Training Face JointSpace",
+    "published": "ambiguities foreknowledge fuke2007",
+    "testing": "LAWS cases robots oracle",
+    "study": "Study",
     "estimators": "names LeastSquares PaperMLP Analytic",
 }
 

@@ -15,3 +15,21 @@ from bodyimage_kin.body.hand import Hand as Hand
 from bodyimage_kin.body.pinhole import Pinhole as Pinhole
 from bodyimage_kin.body.skin import Patch as Patch
 from bodyimage_kin.body.skin import Skin as Skin
+
+__all__ = [
+    "Camera",
+    "CameraModel",
+    "Embodiment",
+    "Finding",
+    "Frame",
+    "Hand",
+    "Patch",
+    "Pinhole",
+    "Skin",
+    "Stereo",
+    "Tracker",
+    "VirtualScreen",
+    "check_embodiment",
+    "embodiments",
+    "load_embodiment",
+]

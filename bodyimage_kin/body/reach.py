@@ -10,6 +10,8 @@ from torch import Tensor
 
 from bodyimage_kin.body import _reach_kernels
 
+__all__ = ["TOLERANCE", "Forward", "least_displacement", "step"]
+
 Forward = Callable[[Float[Tensor, "count p"]], tuple[Float[Tensor, "count 3"], Float[Tensor, "count 3 p"]]]
 
 TOLERANCE = 1e-9

@@ -18,6 +18,8 @@ from torch import Tensor
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.robot.shapes import Shape, cast
 
+__all__ = ["Array3", "Patch", "Points", "Skin", "cast_patch"]
+
 Array3 = Float[np.ndarray, "3"]
 Points = Float[np.ndarray, "count 3"]
 

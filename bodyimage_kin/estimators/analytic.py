@@ -16,6 +16,8 @@ from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 from bodyimage_kin.recordings import require_aligned
 
+__all__ = ["Analytic", "AnalyticJacobian", "Nominal"]
+
 
 @dataclass(frozen=True, eq=False)
 class AnalyticJacobian(LearnedJacobian):

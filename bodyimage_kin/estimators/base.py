@@ -22,6 +22,18 @@ from bodyimage_kin._arrays import ArrayLike, as_postures
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture
 from bodyimage_kin.estimators import _kept
 
+__all__ = [
+    "Drawn",
+    "Estimator",
+    "HasDisplacement",
+    "Learned",
+    "LearnedImage",
+    "LearnedJacobian",
+    "Uncertain",
+    "check_many",
+    "load_learned",
+]
+
 
 @runtime_checkable
 class HasDisplacement(Protocol):

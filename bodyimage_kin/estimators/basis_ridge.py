@@ -18,6 +18,17 @@ from bodyimage_kin.estimators._samples import Mask, Samples, samples
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.ridge import ridge, ridge_posterior
 
+__all__ = [
+    "BasisImage",
+    "BasisProcess",
+    "Polynomial",
+    "TrigRidge",
+    "check_basis_settings",
+    "fit_basis",
+    "polynomial",
+    "trigonometric",
+]
+
 
 @dataclass(frozen=True, eq=False)
 class BasisImage(ImageModel):

@@ -26,6 +26,8 @@ from bodyimage_kin.estimators._hold_out import ARCS
 from bodyimage_kin.estimators._samples import Pairs, fold_of_each, pairs
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, Uncertain
 
+__all__ = ["Conformal", "ConformalJacobian"]
+
 _LEAST = 1e-12
 """Share of the displacements' variance that is doubted at least."""
 

@@ -18,6 +18,8 @@ from bodyimage_kin.estimators._samples import fold_of_each
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 from bodyimage_kin.recordings import is_scattered
 
+__all__ = ["Ensemble", "EnsembleJacobian"]
+
 _ARCS = 10
 
 

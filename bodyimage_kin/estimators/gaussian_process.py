@@ -28,6 +28,8 @@ from bodyimage_kin.estimators._samples import samples
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.basis_ridge import BasisProcess
 
+__all__ = ["GaussianProcess", "RadialDraw", "RadialImage", "RadialProcess"]
+
 _WAVES = 2048
 """Random waves that a draw from a radial prior is made of."""
 _LEAST_NOISE = 1e-4

@@ -20,6 +20,8 @@ from bodyimage_kin.errors import InvalidArray, InvalidConfig
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, load_learned
 
+__all__ = ["Function", "Given", "GivenImage", "GivenJacobian", "Saved"]
+
 Function: TypeAlias = Callable[..., ArrayLike] | str
 """A function or torch module, or where it is found: ``"package.module:NAME"``."""
 _STEP = 1e-5

@@ -13,6 +13,8 @@ from bodyimage_kin import _checks
 from bodyimage_kin.estimators._samples import pairs
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 
+__all__ = ["ConstantJacobian", "LeastSquares"]
+
 
 @dataclass(frozen=True, eq=False)
 class ConstantJacobian(LearnedJacobian):

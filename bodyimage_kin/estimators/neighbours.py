@@ -20,6 +20,8 @@ from bodyimage_kin.estimators._samples import Pairs, pairs
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.ridge import ridge
 
+__all__ = ["LocallyWeighted", "NearestNeighbours", "NeighbourJacobian", "WeightedJacobian"]
+
 _PENALTY = 1e-3
 """Share of the mean squared motion that a local motion needs to overrule the Jacobian of the whole experience."""
 

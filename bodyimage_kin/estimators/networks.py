@@ -25,6 +25,8 @@ from bodyimage_kin.estimators._samples import Mask, pairs, samples
 from bodyimage_kin.estimators._training import Layers, Training, evaluate, first_layers, slope, train
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many
 
+__all__ = ["ForwardNetwork", "JacobianNetwork", "NetworkImage", "NetworkJacobian", "PostureDisplacement", "PostureMLP"]
+
 
 @dataclass(frozen=True, eq=False)
 class _Network(LearnedJacobian):

@@ -22,6 +22,8 @@ from bodyimage_kin.estimators._field import JacobianField
 from bodyimage_kin.estimators.analytic import Analytic
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 
+__all__ = ["CorruptedJacobian", "Null", "OtherArm", "RankOne", "Rotated", "Scaled", "Truth", "Zero"]
+
 Truth: TypeAlias = Embodiment | LearnedJacobian | Estimator
 """A body, whose analytic Jacobian is meant, a learned Jacobian, or an estimator that learns one."""
 

@@ -19,6 +19,8 @@ from bodyimage_kin.estimators._samples import pairs, refuse_scattered
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.least_squares import ConstantJacobian
 
+__all__ = ["Broyden", "Kalman", "RecursiveLeastSquares"]
+
 _FORGOTTEN = 1e6
 """Most by which forgetting lets a covariance grow beyond the first: without a bound it grows without end."""
 

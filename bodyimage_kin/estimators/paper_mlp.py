@@ -20,6 +20,8 @@ from bodyimage_kin._compiled import in_threads
 from bodyimage_kin.estimators._samples import pairs, refuse_scattered
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many
 
+__all__ = ["DisplacementNetwork", "PaperMLP"]
+
 
 @dataclass(frozen=True, eq=False)
 class DisplacementNetwork(LearnedJacobian):

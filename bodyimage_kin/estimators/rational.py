@@ -25,6 +25,8 @@ from bodyimage_kin.estimators._samples import Mask, Samples, samples
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.basis_ridge import check_basis_settings, polynomial, trigonometric
 
+__all__ = ["RationalImage", "RationalPolynomial", "RationalProcess", "RationalTrig"]
+
 _PENALTIES = torch.logspace(0, -11, 23, dtype=torch.float64)
 """From stiff to supple: each fit starts from the one before."""
 _NEAREST = 0.3

@@ -16,6 +16,8 @@ from bodyimage_kin.estimators._samples import Pairs, pairs
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.least_squares import ConstantJacobian
 
+__all__ = ["Ridge", "RidgeJacobian", "ridge", "ridge_posterior"]
+
 _FULL = 500
 """Directions of which all are kept, seen or not; of more only those seen, to the precision of their sum."""
 

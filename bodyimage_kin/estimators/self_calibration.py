@@ -20,11 +20,13 @@ from torch import Tensor
 from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidRecording
-from bodyimage_kin.estimators._chain import Chain
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import Samples, samples
 from bodyimage_kin.estimators.base import Estimator
+from bodyimage_kin.estimators.chain import Chain
 from bodyimage_kin.recordings import require_aligned
+
+__all__ = ["CalibratedChain", "SelfCalibration"]
 
 _ROUNDING = 1e-20
 """Mean squared residual, in units of the images' variance, below which nothing is left to explain."""

@@ -24,6 +24,8 @@ from bodyimage_kin.recordings.from_arrays import recording
 from bodyimage_kin.recordings.tables import MOST_ROWS, Table, matching, read_table
 from bodyimage_kin.robot import Robot
 
+__all__ = ["Column", "Columns", "read_columns"]
+
 Column: TypeAlias = str | int
 """A column's name, or where it stands (from 0)."""
 Columns: TypeAlias = Mapping[str, "Column | Sequence[Column] | Mapping[str, Column]"]

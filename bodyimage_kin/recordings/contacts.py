@@ -11,6 +11,8 @@ from jaxtyping import Float, Int
 from bodyimage_kin.body.skin import Skin
 from bodyimage_kin.robot.shapes import Points, Shape
 
+__all__ = ["Contacts", "find_contacts", "nearest_on_shapes", "touched_taxels"]
+
 
 @dataclass(frozen=True, eq=False)
 class Contacts:

@@ -27,6 +27,8 @@ from bodyimage_kin.recordings import mujoco_model
 from bodyimage_kin.recordings.contacts import nearest_on_shapes
 from bodyimage_kin.recordings.settings import Drag, Noise
 
+__all__ = ["Course", "drag", "start_posture", "whole_steps"]
+
 _CHUNK = 10.0
 """Simulated time between two returns from MuJoCo's threads [s]: bounds the memory for controls and states."""
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value

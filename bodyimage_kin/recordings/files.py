@@ -19,6 +19,8 @@ from bodyimage_kin.recordings.schema import COORDINATES, VARIABLES, check, with_
 from bodyimage_kin.recordings.tables import TABLES
 from bodyimage_kin.robot import Robot
 
+__all__ = ["MOST_BYTES", "read_recording", "write_recording"]
+
 MOST_BYTES = 1 << 30
 """Of all that a file unpacks to; one that claims to hold more is refused before it is read."""
 _TEXT = 64

@@ -27,6 +27,8 @@ from bodyimage_kin.recordings.schema import (
     with_blocks,
 )
 
+__all__ = ["Values", "recording"]
+
 Values: TypeAlias = ArrayLike | pd.DataFrame
 """One trial, ``(time, ...)``; several, ``(trial, time, ...)`` or a list with an array a trial."""
 _NAMES = ("x", "y", "z")

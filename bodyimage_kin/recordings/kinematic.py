@@ -10,6 +10,8 @@ from bodyimage_kin.body import reach
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import Unreachable
 
+__all__ = ["follow"]
+
 _ITERATIONS = 12
 _CLOSE = 1e-10
 

@@ -22,6 +22,8 @@ from bodyimage_kin.robot.shapes import Shape
 from bodyimage_kin.robot.transforms import Matrix4
 from bodyimage_kin.robot.tree import Joint
 
+__all__ = ["CONTACT_TIME", "LEAST_INERTIA", "LEAST_MASS", "NO_LIMIT", "build", "joint_columns"]
+
 _GEOMS = {
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
     "box": mujoco.mjtGeom.mjGEOM_BOX,

@@ -15,6 +15,8 @@ from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 
+__all__ = ["Coordinates", "Path", "Timeline"]
+
 Coordinates = Float[np.ndarray, "count 2"]
 _FINE = 64
 """Points on which the length of a stroke along the skin is measured."""

@@ -45,6 +45,29 @@ from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidRecording, UnknownName
 
+__all__ = [
+    "COORDINATES",
+    "FELT",
+    "OBSERVATIONS",
+    "ORDERS",
+    "TRUE",
+    "VARIABLES",
+    "WHOLE",
+    "align",
+    "assemble",
+    "canonical_order",
+    "check",
+    "experience",
+    "first_taxel",
+    "is_scattered",
+    "joint_names",
+    "joint_units",
+    "normalised",
+    "require_aligned",
+    "versions",
+    "with_blocks",
+]
+
 _SAMPLE = ("trial", "time")
 OBSERVATIONS = ("hand_image", "touched", "hand_position")
 """At least one of them makes a recording."""

@@ -6,6 +6,8 @@ from dataclasses import dataclass, fields
 
 from bodyimage_kin import _checks
 
+__all__ = ["Drag", "Noise"]
+
 
 @dataclass(frozen=True)
 class Noise:

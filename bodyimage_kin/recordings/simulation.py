@@ -30,6 +30,8 @@ from bodyimage_kin.recordings.paths import Path
 from bodyimage_kin.recordings.schema import assemble, joint_units
 from bodyimage_kin.recordings.settings import Drag, Noise
 
+__all__ = ["Stream", "simulate", "simulate_many"]
+
 Stream = Sequence[np.random.SeedSequence]
 """Of one trial: for its path, rest posture, encoder noise, image noise, silence and torque noise."""
 _MOST_VIEWED = 512

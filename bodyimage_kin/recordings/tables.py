@@ -24,6 +24,8 @@ from jaxtyping import Float, Shaped
 
 from bodyimage_kin.errors import InvalidRecording, MissingDependency, UnknownName
 
+__all__ = ["MOST_BYTES", "MOST_ROWS", "TABLES", "Table", "matching", "read_table"]
+
 MOST_ROWS = 5_000_000
 """Rows of a table; a longer one is refused before it is read."""
 MOST_BYTES = 2 << 30

@@ -26,6 +26,8 @@ from bodyimage_kin.study.scoring import PROBES, built_probe, probe_name, resolve
 from bodyimage_kin.study.specs import ESTIMATOR, MOTION, PROBE, Table
 from bodyimage_kin.study.store import body_files, fingerprint
 
+__all__ = ["Reader", "first_maps_of", "map_settings_of", "named", "named_bodies", "probe_key", "row_name", "seeds_of"]
+
 _TOUCH_DURATION = 80.0
 """Time of touching [s]; by then the motion's metric has settled to a few per cent. Maps take ten times as long."""
 _SHARED = ("speed", "sampling", "rest_spread", "rest_pull")

@@ -33,6 +33,8 @@ from bodyimage_kin.study.scoring import built_probe, computed, need_maps, resolv
 from bodyimage_kin.study.specs import ESTIMATOR, MOTION, Table, arguments, from_settings
 from bodyimage_kin.study.store import Part, Store, padded, said
 
+__all__ = ["AGAIN", "body_place", "failed", "fit_all", "learn", "load_body", "record", "row_of"]
+
 AGAIN = "again"
 """What :func:`learn` says when the recordings were damaged and are to be made anew."""
 _UNFELT = {"f": np.nan, "i": -1, "u": 0, "b": False}

@@ -21,6 +21,8 @@ from bodyimage_kin.errors import BodyImageKinError
 if TYPE_CHECKING:
     from bodyimage_kin.study.executors import Call
 
+__all__ = ["live"]
+
 
 def live(lifeline: int) -> None:
     """Answers calls; the first answer says that this process is ready.

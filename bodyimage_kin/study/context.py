@@ -34,6 +34,8 @@ from bodyimage_kin.study.grid import Row, Simulation
 from bodyimage_kin.study.specs import plain_name
 from bodyimage_kin.study.store import padded
 
+__all__ = ["Context", "Fact", "Score", "WrongResult", "answers", "checked"]
+
 _CHUNK = 5000
 """Postures at which Jacobians are asked for at once: bounds the memory of wide probes."""
 _LARGEST = 1e150

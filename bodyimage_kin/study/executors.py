@@ -32,6 +32,23 @@ from typing import Any, cast
 from bodyimage_kin._checks import number, whole
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, MissingDependency
 
+__all__ = [
+    "Call",
+    "ExecutorLost",
+    "InProcess",
+    "KillablePool",
+    "NoWorker",
+    "OnDask",
+    "Ours",
+    "TimeLimitExceeded",
+    "WorkerDied",
+    "executor",
+    "here",
+    "in_child",
+    "submit",
+    "was_lost",
+]
+
 
 class TimeLimitExceeded(Exception):
     """A task took longer than it may."""

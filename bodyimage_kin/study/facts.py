@@ -13,6 +13,8 @@ from bodyimage_kin.study.context import Context, Fact
 from bodyimage_kin.study.scores import of_maps
 from bodyimage_kin.study.store import padded
 
+__all__ = ["FACTS", "SHARED_MAPS"]
+
 _ORACLE_SAMPLE = 64
 """Postures at which another backend's truth is held against Pinocchio's."""
 _BY_POSTURE = ("probe", "posture")

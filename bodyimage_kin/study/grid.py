@@ -20,6 +20,8 @@ from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import Drag, Noise
 from bodyimage_kin.study.specs import Table
 
+__all__ = ["ROLES", "Block", "Row", "Simulation", "blocks", "stream"]
+
 ROLES = ("training", "use", "tour")
 """Recordings of an entry: learned from, used on, compared along."""
 

@@ -22,6 +22,8 @@ from bodyimage_kin.body_image import BodyImage, PostureSOM
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.recordings import first_taxel
 
+__all__ = ["POSTURE_GRID", "map_scores", "posture_som", "relative_distance", "seen_range", "true_map"]
+
 POSTURE_GRID = (8, 8)
 """Of the posture map."""
 

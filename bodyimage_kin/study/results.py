@@ -19,6 +19,8 @@ from bodyimage_kin.study.grid import blocks
 from bodyimage_kin.study.scores import SCORES
 from bodyimage_kin.study.store import Store
 
+__all__ = ["MISSING", "attributes", "gather", "read_study", "recording_of", "write_results"]
+
 MISSING = "not computed yet"
 """The failure of a cell that nobody has worked on."""
 _GRID = ("embodiment", "recording", "estimator", "seed")

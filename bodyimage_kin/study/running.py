@@ -15,6 +15,8 @@ from bodyimage_kin.study.grid import Block
 from bodyimage_kin.study.specs import Table
 from bodyimage_kin.study.store import Store, said
 
+__all__ = ["work_off"]
+
 _IN_FLIGHT = 256
 """Tasks that wait at once: enough for a cluster."""
 _TRIES = 5

@@ -16,6 +16,8 @@ from bodyimage_kin.study import maps
 from bodyimage_kin.study.context import Context, Score, answers, checked
 from bodyimage_kin.study.store import padded
 
+__all__ = ["CAUSES", "MAP_SCORES", "PARTS", "SCORES", "of_maps"]
+
 PARTS = ("scale", "mean_excited", "mean_unexcited", "variation")
 """What a squared Jacobian error is the sum of (:class:`bodyimage_kin.metrics.Attribution`)."""
 CAUSES = ("discretisation", "position", "circulation")

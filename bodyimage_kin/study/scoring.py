@@ -23,6 +23,19 @@ from bodyimage_kin.study.grid import stream
 from bodyimage_kin.study.scores import SCORES
 from bodyimage_kin.study.specs import PROBE, plain_name, snake
 
+__all__ = [
+    "PROBES",
+    "built_probe",
+    "computed",
+    "default_facts",
+    "default_scores",
+    "need_maps",
+    "probe_name",
+    "resolve",
+    "score",
+    "written_score",
+]
+
 PROBES: Mapping[str, probe_specs.Probe] = {
     "training": probe_specs.Training(),
     "in_front": probe_specs.Face(distance=0.03),

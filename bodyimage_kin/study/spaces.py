@@ -20,6 +20,8 @@ import numpy as np
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.study.specs import Table, written
 
+__all__ = ["SPACES", "checked_space", "draw"]
+
 _PENALTY_OR_OWN = {"choice": [None, {"log_uniform": [1e-11, 1.0]}]}
 """None: the estimator's own choice."""
 _TRAINING: Table = {

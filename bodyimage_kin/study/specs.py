@@ -31,6 +31,24 @@ from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, UnknownName
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import motions
 
+__all__ = [
+    "ESTIMATOR",
+    "MOTION",
+    "PROBE",
+    "Kind",
+    "Table",
+    "arguments",
+    "class_name",
+    "finite",
+    "from_settings",
+    "plain_name",
+    "refuse_deep",
+    "refuse_unknown",
+    "settings_of",
+    "snake",
+    "written",
+]
+
 Table: TypeAlias = dict[str, Any]
 """Text -> what TOML can say."""
 _NONE = "none"

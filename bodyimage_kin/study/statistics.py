@@ -21,6 +21,8 @@ from jaxtyping import Float
 
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
 
+__all__ = ["PUBLISHED", "Comparison", "Interval", "Scores", "compare", "holm", "interval", "sign_flip"]
+
 Scores: TypeAlias = Any
 """(recordings,) or (recordings, weights) floats; or stratum -> such, where there are several."""
 PUBLISHED = 30

@@ -38,6 +38,20 @@ from bodyimage_kin.recordings import check
 from bodyimage_kin.study.grid import Block
 from bodyimage_kin.study.specs import Table
 
+__all__ = [
+    "KIND",
+    "Part",
+    "SetAside",
+    "Store",
+    "before_it_grew",
+    "body_files",
+    "differences",
+    "fingerprint",
+    "padded",
+    "said",
+    "settings",
+]
+
 KIND = "study"
 _MARKER = "bodyimage_kin.json"
 _MAGIC = b"bodyimage_kin part 1 "

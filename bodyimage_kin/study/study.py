@@ -30,6 +30,8 @@ from bodyimage_kin.study.scoring import PROBES, default_facts, default_scores, n
 from bodyimage_kin.study.specs import ESTIMATOR, Table
 from bodyimage_kin.study.store import Store
 
+__all__ = ["Study"]
+
 _LARGEST_FILE = 4 * 2**20
 """Of a study's TOML file [bytes]."""
 

@@ -14,6 +14,8 @@ from jaxtyping import Bool, Float
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.study import statistics
 
+__all__ = ["EXACT", "chain", "compare", "exact", "failures", "markdown_table", "plain_markdown", "summarise"]
+
 _UNITS = ("embodiment", "seed")
 EXACT = 1e-6
 """A relative error below this is that of the truth itself."""

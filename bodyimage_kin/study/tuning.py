@@ -33,6 +33,8 @@ from bodyimage_kin.study.spaces import SPACES, checked_space, draw
 from bodyimage_kin.study.specs import ESTIMATOR, Table, written
 from bodyimage_kin.study.store import said
 
+__all__ = ["Candidate", "Tuned", "read_tuning", "tune", "write_tuning"]
+
 _FORM = {"format": "bodyimage_kin tuning", "version": 1}
 _ROUNDING = 1e-6
 """Errors below are of rounding, and count as this."""

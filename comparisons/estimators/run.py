@@ -17,9 +17,9 @@ from typing import Any
 import xarray as xr
 
 import bodyimage_kin as bk
-from bodyimage_kin._files import write_text
 from bodyimage_kin.study import Row, Simulation, chain
-from bodyimage_kin.study.scores import MAP_SCORES, default_scores
+from bodyimage_kin.study.scores import MAP_SCORES
+from bodyimage_kin.study.scoring import default_scores
 
 HERE = Path(__file__).parent
 BASELINE = "paper_mlp"
@@ -117,7 +117,7 @@ def main() -> None:
         bk.report.write(results, arguments.out / name / "report.html", baseline=BASELINE)
         bk.report.publish(results, folder, baseline=BASELINE)
         chains[name] = links(results)
-    write_text(arguments.publish / "chain.json", json.dumps(chains, indent=1) + "\n")
+    (arguments.publish / "chain.json").write_text(json.dumps(chains, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ from typing import Any
 
 import bodyimage_kin as bk
 from bodyimage_kin import figures
-from bodyimage_kin._files import write_text
 from bodyimage_kin.published import foreknowledge
 
 PREDICTORS = (
@@ -64,7 +63,7 @@ def main() -> None:
     found = foreknowledge.judge(results, bk.load_embodiment("infant"))
     asked.out.mkdir(parents=True, exist_ok=True)
     foreknowledge.write_summary(found, asked.out / "results.json")
-    write_text(asked.out / "results.md", foreknowledge.markdown(found))
+    (asked.out / "results.md").write_text(foreknowledge.markdown(found), encoding="utf-8")
     draw(found, asked.out)
     print(foreknowledge.markdown(found))
     if found["failed"]:

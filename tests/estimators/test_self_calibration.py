@@ -8,7 +8,7 @@ import bodyimage_kin as bk
 from bodyimage_kin.body.file import embodiment_folder
 from bodyimage_kin.errors import UnknownName
 from bodyimage_kin.estimators import SelfCalibration
-from bodyimage_kin.estimators._chain import Chain
+from bodyimage_kin.estimators.chain import Chain
 from bodyimage_kin.estimators.self_calibration import CalibratedChain
 from bodyimage_kin.metrics import pooled_relative_error
 

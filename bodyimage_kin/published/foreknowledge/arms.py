@@ -20,9 +20,11 @@ from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators import SelfCalibration
-from bodyimage_kin.estimators._chain import Chain
+from bodyimage_kin.estimators.chain import Chain
 from bodyimage_kin.estimators.self_calibration import CalibratedChain
 from bodyimage_kin.published.foreknowledge.known import Known, PlausibleTruths
+
+__all__ = ["CalibratedArm", "PerturbedArms", "check_body"]
 
 _NEAREST = 0.5
 """Depth below which no hand can come, in screen distances: an arm on which it does is drawn again."""

@@ -20,6 +20,18 @@ from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
 from bodyimage_kin.study.statistics import Interval
 
+__all__ = [
+    "Combination",
+    "Errors",
+    "PostureScore",
+    "Score",
+    "evaluate",
+    "evaluate_by_posture",
+    "leave_one_condition_out",
+    "r2",
+    "slope",
+]
+
 Errors: TypeAlias = Any
 """(conditions, recordings) positive floats; not finite where a recording failed."""
 _LEVEL = 0.95

@@ -14,6 +14,8 @@ from bodyimage_kin.recordings import Noise
 from bodyimage_kin.recordings.motions import Circle, RandomTouch
 from bodyimage_kin.study import Simulation, Study
 
+__all__ = ["CONDITIONS", "ESTIMATORS", "Condition", "grid"]
+
 ESTIMATORS: Mapping[str, Estimator] = {
     "least_squares": LeastSquares(),
     "paper_mlp": PaperMLP(hidden=10, learning_rate=0.2, steps=500),

@@ -22,6 +22,18 @@ from bodyimage_kin.recordings import Noise
 from bodyimage_kin.study import failures, markdown_table
 from bodyimage_kin.study.statistics import Interval
 
+__all__ = [
+    "COMBINATIONS",
+    "MEAN_OF_OTHERS",
+    "TARGET",
+    "NothingCame",
+    "judge",
+    "label",
+    "markdown",
+    "verdict",
+    "write_summary",
+]
+
 TARGET = 0.85
 """The R2 that a predictor should reach."""
 MEAN_OF_OTHERS = "mean_of_others"

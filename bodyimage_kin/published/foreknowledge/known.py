@@ -24,6 +24,8 @@ from bodyimage_kin.errors import InvalidConfig, InvalidPosture
 from bodyimage_kin.estimators import Estimator, LearnedJacobian
 from bodyimage_kin.recordings import experience
 
+__all__ = ["Foresight", "Known", "PlausibleTruths", "Predictor"]
+
 
 @dataclass(frozen=True, eq=False)
 class Known:

@@ -16,6 +16,8 @@ from bodyimage_kin.estimators import Drawn, GaussianProcess
 from bodyimage_kin.metrics.probes import spread_root
 from bodyimage_kin.published.foreknowledge.known import Foresight, Known, PlausibleTruths, Predictor
 
+__all__ = ["ExcitationDeficit", "GaussianProcessPosterior", "MeanPostureDistance"]
+
 
 @dataclass(frozen=True)
 class MeanPostureDistance(Predictor):

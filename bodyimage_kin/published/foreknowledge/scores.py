@@ -24,6 +24,19 @@ from bodyimage_kin.recordings import Noise
 from bodyimage_kin.study import Context, Score
 from bodyimage_kin.study.store import padded, said
 
+__all__ = [
+    "FORESEEN",
+    "FORESEEN_BY_POSTURE",
+    "MEASURED",
+    "MEASURED_BY_POSTURE",
+    "MEASURED_TOUCHING",
+    "POSTURES",
+    "PREDICTORS",
+    "REFUSED",
+    "SCORES",
+    "predictors",
+]
+
 POSTURES = 200
 """Of touching, at which Jacobians are compared."""
 _ARMS = 8

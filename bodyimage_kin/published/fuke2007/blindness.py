@@ -17,6 +17,8 @@ from bodyimage_kin.published.fuke2007.conditions import Conditions
 from bodyimage_kin.published.fuke2007.corruption import DOSES
 from bodyimage_kin.published.fuke2007.grid import BLINDNESS, DIRECT, corrupted_row
 
+__all__ = ["FALSE_ALARMS", "MEASURES", "permuted_error", "power"]
+
 FALSE_ALARMS = 0.05
 """Share of uncorrupted recordings that a measure may take for corrupted."""
 _TRUTH = "analytic"

@@ -18,6 +18,8 @@ from bodyimage_kin.published.fuke2007.conditions import Conditions
 from bodyimage_kin.published.fuke2007.grid import DIRECT, NETWORK
 from bodyimage_kin.study import statistics
 
+__all__ = ["CLAIMS", "Claim", "Values", "judged"]
+
 Values: TypeAlias = Callable[[Conditions], Float[np.ndarray, "values"]]
 
 

@@ -11,6 +11,8 @@ from jaxtyping import Float
 
 from bodyimage_kin.published.fuke2007.grid import CONDITIONS, Condition
 
+__all__ = ["Conditions"]
+
 
 @dataclass(frozen=True, eq=False)
 class Conditions:

@@ -15,6 +15,8 @@ from bodyimage_kin import _checks
 from bodyimage_kin.body import Embodiment
 from bodyimage_kin.estimators import Analytic, Estimator, LearnedJacobian
 
+__all__ = ["DOSES", "Corrupted", "CorruptedJacobian"]
+
 DOSES: Mapping[str, tuple[float, ...]] = {
     "scale": (0.9, 0.75, 0.5, 0.25),
     "rotation": (5.0, 15.0, 30.0, 60.0),

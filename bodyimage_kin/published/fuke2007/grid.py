@@ -21,6 +21,21 @@ from bodyimage_kin.recordings import Noise
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
 from bodyimage_kin.study import Row, Simulation, Study
 
+__all__ = [
+    "BLINDNESS",
+    "CONDITIONS",
+    "DIRECT",
+    "ESTIMATORS",
+    "GAMMA",
+    "MOTIONS",
+    "NETWORK",
+    "Condition",
+    "check",
+    "corrupted_row",
+    "grid",
+    "network",
+]
+
 GAMMA = 40.0
 """Scaling factor of the taxels' activation (Table 1)."""
 DIRECT = "direct"

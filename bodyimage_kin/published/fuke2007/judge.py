@@ -20,6 +20,8 @@ from bodyimage_kin.published.fuke2007.corruption import DOSES
 from bodyimage_kin.published.fuke2007.grid import CONDITIONS, DIRECT, ESTIMATORS, Condition
 from bodyimage_kin.study import failures
 
+__all__ = ["PROBES", "judge", "write_summary"]
+
 PROBES = ("on_circle", "in_front", "on_face")
 """Posture sets that leave what was seen step by step: seen postures, taxels 3 cm off, taxels touched."""
 _OF_THE_TOUR = (

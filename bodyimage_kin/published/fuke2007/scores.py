@@ -18,6 +18,32 @@ from bodyimage_kin.recordings import first_taxel, motions
 from bodyimage_kin.study import Context, Fact, Score
 from bodyimage_kin.study.maps import true_map
 
+__all__ = [
+    "DISPARITY",
+    "EDGE_CORRELATION",
+    "FACTS",
+    "FOLDED_CELLS",
+    "IDENTITY_ERROR_BY_POSTURE",
+    "JACOBIAN_CHANGE",
+    "LOOP_DRIFT",
+    "MAP_SCALE",
+    "POSTURE_DISPARITY",
+    "POSTURE_MAP",
+    "POSTURE_RMSE",
+    "POSTURE_SCALE",
+    "POSTURE_SPAN",
+    "QUANTIZATION",
+    "RELATIONS_KEPT",
+    "SCORES",
+    "SPANS",
+    "TACTILE_MAPS",
+    "TOPOGRAPHIC",
+    "TOPOLOGICAL_ERRORS",
+    "TOUR_PATH",
+    "TRAINING_RESIDUAL",
+    "true_posture_map",
+]
+
 _LEARNED, _TOUR, _MAPS = ("learned",), ("body", "skin", "learned", "tour"), ("body", "maps", "use")
 
 

@@ -25,6 +25,8 @@ from bodyimage_kin.errors import InvalidArray, InvalidConfig
 from bodyimage_kin.estimators._kept import Kept
 from bodyimage_kin.robot.tree import Joint
 
+__all__ = ["Chain"]
+
 _NEAREST = 1e-3
 """Depth below which a fit must not divide by it [m]."""
 
