@@ -22,6 +22,7 @@ from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.estimators import _hold_out
+from bodyimage_kin.estimators._carry import warn_unmoved
 from bodyimage_kin.recordings import canonical_order, check, is_scattered
 
 _NEIGHBOURS = 4
@@ -130,12 +131,13 @@ class Pairs:
         return self, _hold_out.chosen(_hold_out.arcs(len(self.dq), _hold_out.ARCS), share)
 
 
-def pairs(exp: xr.Dataset) -> Pairs:
+def pairs(exp: xr.Dataset, learner: str = "") -> Pairs:
     """Displacements that an experience shows: its steps, or the edges of a scattered recording.
 
     Args:
         exp: An experience, with ``q`` and ``hand_image`` of any real dtype. Samples in which one of both is missing
             are left out.
+        learner: Who learns from it: where given, joints that hardly move are told by a DataWarning.
 
     Returns:
         Of a stream, all steps between two successive samples. Of a scattered recording, each posture with its four
@@ -146,7 +148,7 @@ def pairs(exp: xr.Dataset) -> Pairs:
             (``hand_offset``).
     """
     if is_scattered(exp):
-        return edges_of(samples(exp))
+        return edges_of(samples(exp, learner))
     q, image, felt, block = _felt(exp)
     step = felt[:, :-1] & felt[:, 1:]
     if not step.any():
@@ -157,13 +159,15 @@ def pairs(exp: xr.Dataset) -> Pairs:
     dq = np.diff(q, axis=1)[step]
     if not dq.any():
         raise InvalidRecording("no joint moves in the experience, so it teaches no displacement; record a motion")
+    if learner:
+        warn_unmoved(learner, torch.from_numpy(dq), _joints(exp))
     dr = np.diff(image, axis=1)[step]
     blocks = None if block is None else torch.from_numpy(np.stack([block[:, :-1][step], block[:, 1:][step]], 1))
     return Pairs(torch.from_numpy(q[:, :-1][step]), torch.from_numpy(dq), torch.from_numpy(dr), _unit(exp), blocks)
 
 
-def samples(exp: xr.Dataset) -> Samples:
-    """All instants of an experience at which posture and hand image are felt.
+def samples(exp: xr.Dataset, learner: str = "") -> Samples:
+    """All instants of an experience at which posture and hand image are felt; ``learner`` as of :func:`pairs`.
 
     Raises:
         InvalidRecording: The hand is never seen, the joints never move while it is, or the observed point moves in the
@@ -180,6 +184,8 @@ def samples(exp: xr.Dataset) -> Samples:
         )
     if not np.ptp(q[felt], axis=0).any():
         raise InvalidRecording("no joint moves in the experience, so it teaches no Jacobian; record a motion")
+    if learner:
+        warn_unmoved(learner, torch.from_numpy(q[felt] - q[felt].mean(0)), _joints(exp))
     noise = _checks.number("encoder_noise", exp.attrs.get("encoder_noise", 0.0), least=0.0, error=InvalidRecording)
     repeat = check(exp)["repeat"].values if "repeat" in exp else None
     numbers = [None if one is None else torch.from_numpy(one[felt]) for one in (block, repeat)]
@@ -288,6 +294,13 @@ def _felt(
     if "block" in exp:
         block = np.unique(exp["block"].values, return_inverse=True)[1].reshape(felt.shape).astype(np.int64)
     return q, image, felt, block
+
+
+def _joints(exp: xr.Dataset) -> list[str]:
+    """Names of the joints; their numbers where they have none."""
+    if "joint" in exp.coords:
+        return [str(name) for name in exp["joint"].values]
+    return [f"joint {index}" for index in range(exp.sizes["joint"])]
 
 
 def _unit(exp: xr.Dataset) -> str:

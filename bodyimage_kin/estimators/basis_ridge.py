@@ -177,7 +177,7 @@ class TrigRidge(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> BasisProcess:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
-        data = samples(exp)
+        data = samples(exp, type(self).__name__)
         return fit_basis(data, trigonometric(data, self.degree), self.penalty, self.roughness, self.folds)
 
 
@@ -205,5 +205,5 @@ class Polynomial(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> BasisProcess:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
-        data = samples(exp)
+        data = samples(exp, type(self).__name__)
         return fit_basis(data, polynomial(data, self.degree), self.penalty, self.roughness, self.folds)

@@ -240,7 +240,7 @@ class GaussianProcess(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> BasisProcess | RadialProcess:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
-        data = samples(exp)
+        data = samples(exp, type(self).__name__)
         kept = torch.linspace(0, len(data.q) - 1, min(self.most, len(data.q))).round().long()
         q, image = data.q[kept], data.image[kept]
         centre, mean = q.mean(0), image.mean(0)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from bodyimage_kin import _checks
+from bodyimage_kin.estimators._carry import warn_few
 from bodyimage_kin.estimators._samples import pairs
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
 
@@ -51,6 +52,7 @@ class LeastSquares(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
-        data = pairs(exp)
+        data = pairs(exp, type(self).__name__)
+        warn_few(type(self).__name__, data.dr.numel(), data.dq.shape[1] * data.dr.shape[1])
         solution = torch.linalg.lstsq(data.dq, data.dr, driver="gelsd").solution
         return ConstantJacobian(self.scale * solution.T.contiguous(), unit=data.unit)

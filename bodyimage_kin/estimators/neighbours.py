@@ -142,7 +142,7 @@ class NearestNeighbours(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> NeighbourJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
-        data = pairs(exp)
+        data = pairs(exp, type(self).__name__)
         return NeighbourJacobian(*_remember(data, self.penalty), min(self.neighbours, len(data.q)), unit=data.unit)
 
 
@@ -168,7 +168,7 @@ class LocallyWeighted(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> WeightedJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
-        data = pairs(exp)
+        data = pairs(exp, type(self).__name__)
         bandwidth = self.bandwidth
         if bandwidth is None:
             spread = float((data.q - data.q.mean(0)).pow(2).sum(1).mean().sqrt())

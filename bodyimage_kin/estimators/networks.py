@@ -133,9 +133,9 @@ class _Lesson:
     unit: str = ""
 
     @classmethod
-    def of_displacements(cls, exp: xr.Dataset, share: float) -> _Lesson:
+    def of_displacements(cls, exp: xr.Dataset, share: float, learner: str) -> _Lesson:
         """Postures and displacements of the joints in, displacements of the hand image out."""
-        data, held = pairs(exp).held_out(share)
+        data, held = pairs(exp, learner).held_out(share)
         return cls(torch.cat([data.q, data.dq], 1), data.dr, held, data.unit)
 
 
@@ -190,7 +190,7 @@ class PostureMLP(_NetworkEstimator):
     """The paper's network with the posture as further input, f(q, dq). Its settings are those of :class:`Training`."""
 
     def _data(self, exp: xr.Dataset) -> _Lesson:
-        return _Lesson.of_displacements(exp, self.held_out)
+        return _Lesson.of_displacements(exp, self.held_out, type(self).__name__)
 
     def _learn(self, lesson: _Lesson, seeds: Sequence[int]) -> Sequence[PostureDisplacement]:
         x, y = lesson.x, lesson.y
@@ -209,7 +209,7 @@ class JacobianNetwork(_NetworkEstimator):
     """A network that gives the matrix J(q), taught through J(q) dq. Its settings are those of :class:`Training`."""
 
     def _data(self, exp: xr.Dataset) -> _Lesson:
-        return _Lesson.of_displacements(exp, self.held_out)
+        return _Lesson.of_displacements(exp, self.held_out, type(self).__name__)
 
     def _learn(self, lesson: _Lesson, seeds: Sequence[int]) -> Sequence[NetworkJacobian]:
         x, y = lesson.x, lesson.y
@@ -235,7 +235,7 @@ class ForwardNetwork(_NetworkEstimator):
     hidden: tuple[int, ...] = (32,)
 
     def _data(self, exp: xr.Dataset) -> _Lesson:
-        data = samples(exp)
+        data = samples(exp, type(self).__name__)
         return _Lesson(data.q, data.image, data.held_out(self.held_out), data.unit)
 
     def _learn(self, lesson: _Lesson, seeds: Sequence[int]) -> Sequence[NetworkImage]:

@@ -15,6 +15,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin import _checks
+from bodyimage_kin.estimators._carry import warn_few
 from bodyimage_kin.estimators._samples import pairs, refuse_scattered
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.least_squares import ConstantJacobian
@@ -29,7 +30,8 @@ class _Online(Estimator):
     def fit(self, exp: xr.Dataset, seed: int = 0) -> ConstantJacobian:
         """Learns along an experience, keeps the last Jacobian; the seed changes nothing. See :meth:`Estimator.fit`."""
         refuse_scattered(exp, type(self).__name__, "learn by LeastSquares or Ridge, which take every pair at once")
-        data = pairs(exp)
+        data = pairs(exp, type(self).__name__)
+        warn_few(type(self).__name__, data.dr.numel(), data.dq.shape[1] * data.dr.shape[1])
         return ConstantJacobian(torch.from_numpy(self._follow(data.dq.numpy(), data.dr.numpy())), unit=data.unit)
 
     @abc.abstractmethod

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from bodyimage_kin import _checks
 from bodyimage_kin._compiled import in_threads
+from bodyimage_kin.estimators._carry import warn_few
 from bodyimage_kin.estimators._samples import pairs, refuse_scattered
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian, check_many
 
@@ -110,7 +111,10 @@ class PaperMLP(Estimator):
     def _data(self, exp: xr.Dataset) -> _Scaled:
         if self.online:
             refuse_scattered(exp, "PaperMLP(online=True)", "give online=False")
-        return _Scaled.of(exp)
+        scaled = _Scaled.of(exp)
+        p, m = len(scaled.x), len(scaled.y)
+        warn_few("PaperMLP", scaled.y.numel(), self.hidden * (p + m + 1) + m)
+        return scaled
 
     def _train(self, data: Sequence[_Scaled], seeds: Sequence[int]) -> list[DisplacementNetwork]:
         """Networks of one size, each from its own data."""
@@ -138,7 +142,7 @@ class _Scaled:
 
     @classmethod
     def of(cls, exp: xr.Dataset) -> _Scaled:
-        data = pairs(exp)
+        data = pairs(exp, "PaperMLP")
         in_scale, out_scale = _spread(data.dq), _spread(data.dr)
         return cls((data.dq / in_scale).T, (data.dr / out_scale).T, in_scale, out_scale, data.unit)
 

@@ -200,7 +200,7 @@ class RationalTrig(_Ratio):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> RationalProcess:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
-        data = samples(exp)
+        data = samples(exp, type(self).__name__)
         basis = trigonometric(data, self.degree)
         return self._fit(data, basis, self.penalty, self.roughness, self.folds, self.iterations)
 
@@ -230,7 +230,7 @@ class RationalPolynomial(_Ratio):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> RationalProcess:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
-        data = samples(exp)
+        data = samples(exp, type(self).__name__)
         basis = polynomial(data, self.degree)
         return self._fit(data, basis, self.penalty, self.roughness, self.folds, self.iterations)
 

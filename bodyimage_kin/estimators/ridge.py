@@ -121,7 +121,7 @@ class Ridge(Estimator):
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> RidgeJacobian:
         """Learns from an experience; the seed changes nothing. See :meth:`Estimator.fit`."""
-        data = pairs(exp)
+        data = pairs(exp, type(self).__name__)
         penalty = self.penalty
         if penalty is None:
             motion = (data.dq**2).sum(-1).mean()

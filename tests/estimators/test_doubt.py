@@ -178,6 +178,7 @@ def test_doubt_of_a_constant_jacobian_is_least_squares_own():
     assert told[3] > 15 * told[0]
 
 
+@pytest.mark.filterwarnings("ignore::bodyimage_kin.errors.DataWarning")  # it is about a joint at rest
 def test_what_never_moved_is_open_without_end():
     dq = RNG.standard_normal((60, 3)) * [1.0, 1.0, 0.0]
     learned = estimators.Ridge(0.0).fit(taught(dq, dq[:, :2] + 0.01 * RNG.standard_normal((60, 2))))

@@ -32,6 +32,7 @@ def test_it_is_numpys_least_squares_and_the_pseudoinverse(circle):
     np.testing.assert_allclose((dr - dq @ matrix.T).T @ dq, 0.0, atol=1e-14)
 
 
+@pytest.mark.filterwarnings("ignore::bodyimage_kin.errors.DataWarning")  # fewer steps than joints, on purpose
 def test_of_all_that_fit_it_is_the_smallest():
     # Fewer motions than joints: what was never moved is thought to move nothing.
     true, dq = RNG.normal(size=(2, 5)), RNG.normal(size=(3, 5))

@@ -59,6 +59,7 @@ def test_recursive_least_squares_is_least_squares():
     np.testing.assert_allclose(fit(RecursiveLeastSquares(0.95, confidence=1e3), dq, dr), faded, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::bodyimage_kin.errors.DataWarning")  # it is about a joint at rest
 def test_recursive_least_squares_survives_joints_that_rest():
     dq = motion(5000)
     dq[:, 2] = 0.0

@@ -46,6 +46,7 @@ def test_steps_are_gradient_descent_on_the_stated_loss(exp):
         torch.testing.assert_close(actual, expected, atol=1e-12, rtol=0)
 
 
+@pytest.mark.filterwarnings("ignore::bodyimage_kin.errors.DataWarning")  # many units, for statistics
 def test_first_weights_are_uniform_within_the_inverse_root_of_the_inputs(exp):
     data = pairs(exp)
     W1, b1, W2, b2 = scaled_weights(PaperMLP(hidden=400, steps=0).fit(exp, seed=0), data)
@@ -101,6 +102,7 @@ def test_the_posture_is_no_input(exp):
     assert torch.equal(learned.jacobian(dq)[0], learned.jacobian(dq)[1])
 
 
+@pytest.mark.filterwarnings("ignore::bodyimage_kin.errors.DataWarning")  # it is about a joint at rest
 def test_a_joint_that_never_moves_spoils_nothing():
     rng = np.random.default_rng(1)
     dq = rng.normal(size=(50, 3)) * [1.0, 0.0, 1.0]
@@ -134,6 +136,7 @@ def test_networks_learn_side_by_side_what_each_learns_alone(exp):
             torch.testing.assert_close(learned.arrays()[name], weights, atol=1e-12, rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::bodyimage_kin.errors.DataWarning")  # few samples, worked through by hand
 def test_online_updates_are_gradient_descent_after_each_sample(exp):
     few = exp.isel(time=slice(0, 12))
     data = pairs(few)
