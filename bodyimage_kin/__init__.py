@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.body import Camera as Camera
     from bodyimage_kin.body import Hand as Hand
     from bodyimage_kin.body import Pinhole as Pinhole
+    from bodyimage_kin.body import Skin as Skin
     from bodyimage_kin.body import Stereo as Stereo
     from bodyimage_kin.body import Tracker as Tracker
     from bodyimage_kin.body import VirtualScreen as VirtualScreen
@@ -68,6 +69,7 @@ _PUBLIC = {
     "Pinhole": "body:Pinhole",
     "Robot": "robot:Robot",
     "RobotKinematics": "backends:RobotKinematics",
+    "Skin": "body:Skin",
     "Stereo": "body:Stereo",
     "Study": "study:Study",
     "Tracker": "body:Tracker",
