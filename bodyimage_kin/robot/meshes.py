@@ -28,7 +28,7 @@ __all__ = ["MESH_SUFFIXES", "load_mesh", "triangulate"]
 
 MESH_SUFFIXES = frozenset({".stl", ".obj", ".dae", ".ply", ".off", ".glb"})
 """The mesh files that are read."""
-_PACKAGE = re.compile(r"package://([^/]+)/(.+)")
+_PACKAGE = re.compile(r"package:/{2,3}([^/]+)/(.+)")
 _SECTIONS = 64
 """Facets around a cylinder."""
 
