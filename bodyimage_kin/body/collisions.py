@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -18,6 +18,7 @@ from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.meshes import triangulate
 from bodyimage_kin.robot.transforms import Matrix4
+from bodyimage_kin.robot.tree import Joint
 
 __all__ = ["Hulls", "vertices_of"]
 
@@ -68,15 +69,16 @@ class Hulls:
     robot: Robot
     mesh_folder: Path | None = None
 
-    def collisions(self, q: Float[Tensor, "n"], moved: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    def collisions(self, q: Float[Tensor, "n"], joints: Sequence[str]) -> tuple[tuple[str, str], ...]:
         """Pairs of links that overlap at a posture of the whole robot.
 
         Args:
             q: (n,) [rad or m].
-            moved: Links of which at least one is in every pair.
+            joints: Only pairs that these joints move against each other.
         """
+        pairs = self._pairs(frozenset(joints))
         poses = self._poses(q[None])
-        return tuple(pair for pair in self._pairs(frozenset(moved)) if self._overlap(pair, poses, 0))
+        return tuple(pair for pair in pairs if self._overlap(pair, poses, 0))
 
     @cached_property
     def shapes(self) -> Mapping[str, tuple[Any, ...]]:
@@ -91,29 +93,33 @@ class Hulls:
         kin = kinematics(self.robot)
         return {link: kin.pose(q, link).numpy() for link in self.shapes}
 
-    def _pairs(self, moved: frozenset[str]) -> list[tuple[str, str]]:
-        if moved not in self._known:
-            self._known[moved] = self._parting(moved)
-        return self._known[moved]
+    def _pairs(self, joints: frozenset[str]) -> list[tuple[str, str]]:
+        """Pairs that the joints move against each other, and that some postures part."""
+        if joints not in self._known:
+            body = self._welded()
+            moved = {
+                link: {name for joint in self.robot.path(link) if (name := self._source(joint)) in joints}
+                for link in self.shapes
+            }
+            pairs = [
+                (one, other)
+                for one, other in itertools.combinations(self.shapes, 2)
+                if moved[one] != moved[other] and body[one][0] not in body[other] and body[other][0] != body[one][1]
+            ]
+            poses = self._poses(self.robot.sample(_DRAWN, seed=0))
+            self._known[joints] = [
+                pair
+                for pair in pairs
+                if np.mean([self._overlap(pair, poses, index) for index in range(_DRAWN)]) < _ALWAYS
+            ]
+        return self._known[joints]
+
+    def _source(self, joint: Joint) -> str:
+        return "" if joint.kind == "fixed" else self.robot.source_of(joint.name)[0]
 
     @cached_property
     def _known(self) -> dict[frozenset[str], list[tuple[str, str]]]:
         return {}
-
-    def _parting(self, moved: frozenset[str]) -> list[tuple[str, str]]:
-        """Pairs that some postures part."""
-        body = self._welded()
-        pairs = [
-            (one, other)
-            for index, one in enumerate(self.shapes)
-            for other in list(self.shapes)[index + 1 :]
-            if (one in moved) != (other in moved) or (one in moved and other in moved)
-            if body[one][0] != body[other][0] and body[one][0] != body[other][1] and body[other][0] != body[one][1]
-        ]
-        poses = self._poses(self.robot.sample(_DRAWN, seed=0))
-        return [
-            pair for pair in pairs if np.mean([self._overlap(pair, poses, index) for index in range(_DRAWN)]) < _ALWAYS
-        ]
 
     def _welded(self) -> dict[str, tuple[str, str]]:
         """For each link the first link of the rigid body it belongs to, and that of the body it hangs on."""

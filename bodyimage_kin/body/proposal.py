@@ -1,8 +1,8 @@
 """A first body of a robot that nobody described yet: joints, hand, eye, patch of skin and home, and why each.
 
-What is proposed is the experiment of Fuke et al. (2007) on another robot: a hand that is seen while it moves in front of
-the face, and never while it touches. Lengths that the paper gives for an infant are kept where the robot's own size says
-nothing else.
+What is proposed is the experiment of Fuke et al. (2007) on another robot: a hand that is seen while it moves in front
+of the face, and never while it touches. Lengths that the paper gives for an infant are kept where the robot's own size
+says nothing else.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ _HIDDEN = 0.02
 _IN_FRONT = (0.05, 0.04, 0.03, 0.06, 0.08)
 """Distances in front of the face at which home is looked for, the infant's first [m]."""
 _STARTS, _DRAWN = 24, 2000
+_SMALLER = (1.0, 0.8, 0.6, 0.45)
 _SHARE, _LARGEST_PATCH, _FACE = 0.6, 0.12, 0.05
 _RADIUS = (0.01, 0.04)
 _CLEAR = 0.002  # [m] between the deepest hand that touches and the nearest that is seen
@@ -118,17 +119,21 @@ def _proposed(
     palm = _hand(robot, hand, folder, said)
     home = torch.zeros(robot.n, dtype=torch.float64).clamp(robot.lower, robot.upper)
     root_T_face, root_T_eye = (kinematics(robot).pose(home, link).numpy() for link in (face, eye))
-    patch = _patch(robot, face, root_T_face[:3, :3].T @ axes, folder, said)
-    optical = _optical_centre(patch, root_T_face, root_T_eye, axes, said)
-    wide = VirtualScreen(distance=0.04, near=1e-4, half_angle=math.radians(80.0))
-    first = Embodiment.build(
-        robot, joints=joints, hand=palm, camera=Camera(eye, optical, wide), skin=patch, home=robot.named(home),
-        name=robot.name if name is None else name,
-    )  # fmt: skip
     hulls = Hulls(robot, folder)
-    arm = _arm(robot, joints)
-    body = _with_eye(_at_home(first, hulls, arm, said), said)
-    return Proposal(body, tuple(said), (*check_embodiment(body, paper=True, mesh_folder=folder), *_hit(body, hulls, arm)))
+    wide = VirtualScreen(distance=0.04, near=1e-4, half_angle=math.radians(80.0))
+    for share in _SMALLER:
+        of_this = list[str]()
+        patch = _patch(robot, face, root_T_face[:3, :3].T @ axes, folder, share, of_this)
+        optical = _optical_centre(patch, root_T_face, root_T_eye, axes, of_this)
+        first = Embodiment.build(
+            robot, joints=joints, hand=palm, camera=Camera(eye, optical, wide), skin=patch, home=robot.named(home),
+            name=robot.name if name is None else name,
+        )  # fmt: skip
+        body, all_reached = _with_eye(_at_home(first, hulls, of_this), of_this)
+        if all_reached:
+            break
+    said.extend(of_this)
+    return Proposal(body, tuple(said), (*check_embodiment(body, paper=True, mesh_folder=folder), *_hit(body, hulls)))
 
 
 # Links and joints -----------------------------------------------------------------------------------------------------
@@ -181,16 +186,6 @@ def _joints(robot: Robot, hand: str, face: str, said: list[str]) -> tuple[str, .
     return felt
 
 
-def _arm(robot: Robot, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Links that the felt joints move."""
-    felt = set(joints)
-    return tuple(
-        link
-        for link in robot.link_names
-        if any(joint.kind != "fixed" and robot.source_of(joint.name)[0] in felt for joint in robot.path(link))
-    )
-
-
 def _axes(
     robot: Robot, hand: str, joints: tuple[str, ...], forward: ArrayLike | None, said: list[str]
 ) -> Float[np.ndarray, "3 3"]:
@@ -228,7 +223,9 @@ def _hand(robot: Robot, link: str, folder: Path | None, said: list[str]) -> Hand
     return Hand(link, np.round((low + high) / 2, 4), radius)
 
 
-def _patch(robot: Robot, link: str, axes: Float[np.ndarray, "3 3"], folder: Path | None, said: list[str]) -> Skin:
+def _patch(
+    robot: Robot, link: str, axes: Float[np.ndarray, "3 3"], folder: Path | None, most: float, said: list[str]
+) -> Skin:
     """The paper's grid on the front of a link, as large as the link allows.
 
     Args:
@@ -236,6 +233,7 @@ def _patch(robot: Robot, link: str, axes: Float[np.ndarray, "3 3"], folder: Path
         link: The link that bears the skin.
         axes: Columns right, down, forward, in the link.
         folder: Where meshes may lie.
+        most: Share of that to begin with: the hand may not reach all of it.
         said: Remarks.
     """
     problems: list[str] = []
@@ -248,19 +246,24 @@ def _patch(robot: Robot, link: str, axes: Float[np.ndarray, "3 3"], folder: Path
     centre = np.array([*(low[:2] + high[:2]) / 2, high[2] + 0.01])
     largest = np.minimum(_SHARE * (high - low)[:2], _LARGEST_PATCH)
     around = _cylinder(low, high, centre, axes)
-    for on, of in ((None, f"the front of link '{link}'"), (around, f"a cylinder around link '{link}', whose front has holes")):
+    for on, of in (
+        (None, f"the front of link '{link}'"),
+        (around, f"a cylinder around link '{link}', whose front has holes"),
+    ):
         for share in (1.0, 0.8, 0.64, 0.5):
-            width, height = (share * largest).round(3).tolist()
+            width, height = (most * share * largest).round(3).tolist()
             try:
                 skin = Skin.grid(
-                    robot, link, shape=_SHAPE, size=(height, width), centre=(axes @ centre).round(4), forward=axes[:, 2],
-                    right=axes[:, 0], landmarks=_LANDMARKS, reference="right_eye", eye="right_eye", on=on,
-                    mesh_folder=folder,
+                    robot, link, shape=_SHAPE, size=(height, width), centre=(axes @ centre).round(4),
+                    forward=axes[:, 2], right=axes[:, 0], landmarks=_LANDMARKS, reference="right_eye",
+                    eye="right_eye", on=on, mesh_folder=folder,
                 )  # fmt: skip
             except (InvalidConfig, UnknownName):
                 continue
             if skin.shape is not None and _straight(skin):
-                said.append(f"skin: {_SHAPE[0]} x {_SHAPE[1]} taxels on {1e3 * height:.0f} x {1e3 * width:.0f} mm of {of}")
+                said.append(
+                    f"skin: {_SHAPE[0]} x {_SHAPE[1]} taxels on {1e3 * height:.0f} x {1e3 * width:.0f} mm of {of}"
+                )
                 return skin
     raise InvalidGeometry(f"no patch of {_SHAPE[0]} x {_SHAPE[1]} taxels finds room on the front of link '{link}'")
 
@@ -276,7 +279,10 @@ def _straight(skin: Skin) -> bool:
 
 
 def _cylinder(
-    low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], centre: Float[np.ndarray, "3"], axes: Float[np.ndarray, "3 3"]
+    low: Float[np.ndarray, "3"],
+    high: Float[np.ndarray, "3"],
+    centre: Float[np.ndarray, "3"],
+    axes: Float[np.ndarray, "3 3"],
 ) -> Collision:
     """An upright cylinder as wide as what has these bounds along right, down and forward, and as far in front."""
     radius = float((high - low)[0]) / 2
@@ -314,7 +320,7 @@ def _optical_centre(
 # Home, and what the eye sees ------------------------------------------------------------------------------------------
 
 
-def _at_home(body: Embodiment, hulls: Hulls, arm: tuple[str, ...], said: list[str]) -> Embodiment:
+def _at_home(body: Embodiment, hulls: Hulls, said: list[str]) -> Embodiment:
     """The same body with its hand in front of the face: clear of collisions, far from its joint limits."""
     lower, upper = body.felt_robot.lower, body.felt_robot.upper
     finite = lower.isfinite() & upper.isfinite()
@@ -330,28 +336,38 @@ def _at_home(body: Embodiment, hulls: Hulls, arm: tuple[str, ...], said: list[st
             q, reached = replace(body, home=body.full_posture(start)).reach(target)
             gap = min(gap, float(torch.linalg.vector_norm(body.hand_in_front_and_jacobian(q)[0] - target)))
             if bool(reached.all()) and bool(body.visible(q[0])):
-                hits = len(hulls.collisions(body.full_posture(q[0]), arm))
+                hits = len(hulls.collisions(body.full_posture(q[0]), body.joints))
                 margin = float(torch.minimum((q[0] - low) / (high - low), (high - q[0]) / (high - low)).min())
                 tried.append((hits, -round(margin, 3), q[0]))
         if tried:
             best = min(tried, key=lambda one: one[:2])
-            said.append(f"home: the hand {1e3 * distance:.0f} mm in front of the middle taxel, found by inverse kinematics")
+            said.append(
+                f"home: the hand {1e3 * distance:.0f} mm in front of the middle taxel, found by inverse kinematics"
+            )
             near = torch.round(best[2], decimals=3).clamp(lower, upper)
             values = dict(zip(body.joints, near.tolist(), strict=True))
             return _rebuilt(body, home=body.robot.named(body.home) | values)
+    skin = body.require_skin()
+    what = (
+        f"gets no nearer than {1e3 * gap:.0f} mm to a place in front of link '{skin.link}'"
+        if gap > 1e-3
+        else f"gets in front of link '{skin.link}' only where its eye does not see it"
+    )
     raise Unreachable(
-        f"hand '{body.hand.link}' gets no nearer than {1e3 * gap:.0f} mm to a place in front of link "
-        f"'{body.require_skin().link}' that its eye sees; name another hand, skin or camera, or feel more joints",
-        [body.require_skin().middle],
+        f"hand '{body.hand.link}' {what}; name another hand, skin or camera, or a forward direction", [skin.middle]
     )
 
 
-def _with_eye(body: Embodiment, said: list[str]) -> Embodiment:
-    """The same body with the numbers of its eye: the touching hand hidden, the screen where it touches."""
+def _with_eye(body: Embodiment, said: list[str]) -> tuple[Embodiment, bool]:
+    """The same body with the numbers of its eye: the touching hand hidden, the screen where it touches.
+
+    Returns:
+        The body, and whether its hand reaches every taxel.
+    """
     centres = body.touch_centres(np.arange(body.require_skin().count))
     q, reached = body.reach(centres)
     if not bool(reached.any()):
-        return body
+        return body, False
     depths = body.hand_in_camera(q[reached])[:, 2]
     near = round(float(depths.max()) + _CLEAR, 3)
     screen = VirtualScreen(round(float(depths.median()), 3), near, math.radians(60.0))
@@ -359,7 +375,7 @@ def _with_eye(body: Embodiment, said: list[str]) -> Embodiment:
         f"eye: virtual screen at {1e3 * screen.distance:.0f} mm, the middle depth of a hand that touches; nothing is "
         f"seen nearer than {1e3 * near:.0f} mm, so that no touch is"
     )
-    return _rebuilt(body, camera=Camera(body.camera.link, body.camera.link_T_camera, screen))
+    return _rebuilt(body, camera=Camera(body.camera.link, body.camera.link_T_camera, screen)), bool(reached.all())
 
 
 def _rebuilt(body: Embodiment, *, home: Mapping[str, float] | None = None, camera: Camera | None = None) -> Embodiment:
@@ -374,10 +390,10 @@ def _rebuilt(body: Embodiment, *, home: Mapping[str, float] | None = None, camer
     )
 
 
-def _hit(body: Embodiment, hulls: Hulls, arm: tuple[str, ...]) -> tuple[Finding, ...]:
+def _hit(body: Embodiment, hulls: Hulls) -> tuple[Finding, ...]:
     """Collisions at home and while touching, as findings."""
     found = []
-    at_home = hulls.collisions(body.home, arm)
+    at_home = hulls.collisions(body.home, body.joints)
     if at_home:
         pairs = ", ".join(f"'{one}' and '{other}'" for one, other in at_home[:3])
         found.append(Finding("note", "joints", f"at home {pairs} overlap (convex hulls); look at the picture"))
