@@ -51,6 +51,14 @@ assert {"training", "joint_space"} <= set(scores.probe.values.tolist())
 """
 
 
+SKINS = """
+assert skin.shape == (21, 21) and not skin.notes
+assert np.allclose(np.linalg.norm(ball.link_positions - [0.0, 0.0, 0.06], axis=1), 0.075)
+assert patches.pieces == 1 and patches.link_normals[:, 0].min() > 0
+assert (touch["touched"] >= 0).mean() > 0.7
+"""
+
+
 @pytest.mark.parametrize(
     ("page", "promises"),
     [
@@ -58,6 +66,7 @@ assert {"training", "joint_space"} <= set(scores.probe.values.tolist())
         pytest.param(DOCS / "quickstart.md", PROMISES, id="quickstart.md"),
         pytest.param(DOCS / "calibration.md", CALIBRATED, id="calibration.md"),
         pytest.param(DOCS / "your_own_robot.md", OWN_ROBOT, id="your_own_robot.md"),
+        pytest.param(DOCS / "skins.md", SKINS, id="skins.md"),
         pytest.param(DOCS / "api" / "figures.md", FIGURES, id="figures.md"),
     ],
 )
