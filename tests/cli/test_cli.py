@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+import shlex
 import subprocess
 import sys
 
@@ -9,6 +12,8 @@ import pytest
 
 import bodyimage_kin as bk
 from bodyimage_kin import cli
+
+COMMANDS = ("reproduce", "study", "report", "simulate", "import", "fit", "embodiment", "conform")
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
@@ -18,8 +23,75 @@ def test_help_names_every_command_and_imports_nothing_heavy():
         "assert not {'torch', 'numpy', 'pinocchio', 'matplotlib'} & set(sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    for command in ("reproduce", "study", "report", "fit", "conform", "embodiment"):
-        assert command in done.stdout
+    for command in COMMANDS:
+        assert f"• {command} " in done.stdout
+    assert "Exit status: 0 all well; 1 " in done.stdout
+    assert "\x1b" not in done.stdout  # colours are for terminals
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_help_has_examples_that_are_understood_and_no_word_of_python(command, capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main([command, "--help"])
+    assert end.value.code == 0
+    told = capsys.readouterr().out
+    assert "{None}" not in told
+    assert "default: None" not in told
+    assert "{True,False}" not in told
+    examples = re.findall(r"^  (bodyimage-kin .*)$", told, re.MULTILINE)
+    assert examples
+    for example in examples:
+        # Parsed by the same parser; nothing is run.
+        assert isinstance(cli._parsed(shlex.split(example)[1:]), cli._COMMANDS[command])
+
+
+def test_the_version_is_one_line(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"bodyimage-kin {bk.__version__}\n"
+
+
+def test_completion_of_a_shell_knows_commands_and_options(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["--tyro-print-completion", "bash"])
+    told = capsys.readouterr().out
+    assert "simulate" in told
+    assert "--kinematic" in told
+
+
+# What fails ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_traceback_is_shown_on_request_alone(tmp_path, capsys):
+    arguments = ["fit", "LeastSquares", str(tmp_path / "missing.nc"), "--out", str(tmp_path / "out")]
+    assert cli.main(arguments) == 2
+    assert "Traceback" not in capsys.readouterr().err
+    assert cli.main([*arguments, "--debug"]) == 2
+    told = capsys.readouterr().err
+    assert "Traceback" in told
+    assert told.splitlines()[-1].startswith("bodyimage-kin: there is no recording")
+
+
+def test_an_error_of_ours_is_one_line_with_a_status_of_its_own(monkeypatch, capsys):
+    def broken(self):
+        raise ZeroDivisionError("float\ndivision")
+
+    monkeypatch.setattr(cli._COMMANDS["report"], "__call__", broken)
+    assert cli.main(["report", "anywhere"]) == 70
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "an error of ours, ZeroDivisionError: float division; the same command with --debug shows where" in error
+
+
+def test_whoever_reads_no_further_is_not_told_of_it(tmp_path):
+    code = "import sys\nfrom bodyimage_kin import cli\nsys.exit(cli.main(['embodiment', 'check', 'infant', '--json']))"
+    command = f"{shlex.quote(sys.executable)} -c {shlex.quote(code)} | true; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() in ("141", "0")
+    assert "Traceback" not in done.stderr
+    assert "BrokenPipe" not in done.stderr
+
+
+# Commands ------------------------------------------------------------------------------------------------------------
 
 
 # The run-time checks of types in these tests draw on ``random``, inside Hypothesis's strategies as well.
@@ -38,6 +110,11 @@ def test_fit_learns_and_saves(tmp_path):
     learned = bk.load_learned(tmp_path / "learned")
     again = bk.estimators.LeastSquares().fit(bk.experience(recording))
     assert bool((learned.jacobian([0.0] * 5) == again.jacobian([0.0] * 5)).all())
+
+
+def test_findings_of_a_body_as_json(capsys):
+    assert cli.main(["embodiment", "check", "infant", "--paper", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"embodiment": "infant", "fit": True, "findings": []}
 
 
 @pytest.mark.parametrize(
