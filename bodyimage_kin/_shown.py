@@ -32,9 +32,8 @@ class Shown:
 
     def _rows(self) -> dict[str, str]:
         """What is shown of it, by name: its fields."""
-        if not dataclasses.is_dataclass(self):
-            return {}
-        return {field.name: brief(getattr(self, field.name)) for field in dataclasses.fields(self) if field.repr}
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]  # its subclasses are dataclasses
+        return {field.name: brief(getattr(self, field.name)) for field in fields if field.repr}
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self._rows().items())})"

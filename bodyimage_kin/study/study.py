@@ -125,7 +125,7 @@ class Study(Shown):
     def _rows(self) -> dict[str, str]:
         parts = ("embodiments", "recordings", "estimators", "probes", "scores", "facts")
         names = {name: ", ".join(map(str, getattr(self, name) or ())) or "none" for name in parts}
-        return {**names, "seeds": f"{len(self.seeds)}, in blocks of {self.block}"}
+        return {**names, "seeds": f"{len(asked.seeds_of(self.seeds))}, in blocks of {self.block}"}
 
     def table(self) -> Table:
         """The study as one table, all that results keep of it; what it was handed stands as hashes."""
