@@ -23,6 +23,7 @@ from bodyimage_kin.cli.arguments import Command
 from bodyimage_kin.cli.checks import Conform, Embodiment
 from bodyimage_kin.cli.recordings import Fit, Import, Simulate
 from bodyimage_kin.cli.studies import Report, Reproduce, Study
+from bodyimage_kin.cli.viewing import View
 from bodyimage_kin.errors import BodyImageKinError, DataWarning
 
 __all__ = ["main"]
@@ -35,6 +36,7 @@ _COMMANDS: Mapping[str, type[Command]] = {
     "import": Import,
     "fit": Fit,
     "embodiment": Embodiment,
+    "view": View,
     "conform": Conform,
 }
 _USER, _OURS, _PIPE = 2, 70, 141
