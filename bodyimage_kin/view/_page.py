@@ -136,6 +136,7 @@ class Page:
             return
         with self._silent():
             self.recording.value = _POSTURE
+        self._lengths()
         self.show()
 
     def _lengths(self) -> None:
