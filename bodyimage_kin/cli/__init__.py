@@ -21,6 +21,7 @@ import tyro
 from bodyimage_kin import __version__
 from bodyimage_kin.cli.arguments import Command
 from bodyimage_kin.cli.checks import Conform, Embodiment
+from bodyimage_kin.cli.doctor import Doctor
 from bodyimage_kin.cli.recordings import Fit, Import, Simulate
 from bodyimage_kin.cli.studies import Report, Reproduce, Study
 from bodyimage_kin.errors import BodyImageKinError, DataWarning
@@ -36,6 +37,7 @@ _COMMANDS: Mapping[str, type[Command]] = {
     "fit": Fit,
     "embodiment": Embodiment,
     "conform": Conform,
+    "doctor": Doctor,
 }
 _USER, _OURS, _PIPE = 2, 70, 141
 _ABOUT = """\
