@@ -21,6 +21,7 @@ import tyro
 from bodyimage_kin import __version__
 from bodyimage_kin.cli.arguments import Command
 from bodyimage_kin.cli.checks import Conform, Embodiment
+from bodyimage_kin.cli.doctor import Doctor
 from bodyimage_kin.cli.recordings import Fit, Import, Simulate
 from bodyimage_kin.cli.studies import Report, Reproduce, Study
 from bodyimage_kin.cli.viewing import View
@@ -38,6 +39,7 @@ _COMMANDS: Mapping[str, type[Command]] = {
     "embodiment": Embodiment,
     "view": View,
     "conform": Conform,
+    "doctor": Doctor,
 }
 _USER, _OURS, _PIPE = 2, 70, 141
 _ABOUT = """\

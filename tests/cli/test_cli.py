@@ -7,13 +7,14 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 import bodyimage_kin as bk
 from bodyimage_kin import cli
 
-COMMANDS = ("reproduce", "study", "report", "simulate", "import", "fit", "embodiment", "conform")
+COMMANDS = ("reproduce", "study", "report", "simulate", "import", "fit", "embodiment", "conform", "doctor")
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
@@ -136,3 +137,44 @@ def test_a_wrong_argument_is_one_line(arguments, message, tmp_path, monkeypatch,
     assert error.startswith("bodyimage-kin: ")
     assert message in error
     assert list(tmp_path.iterdir()) == []
+
+
+# The pages -----------------------------------------------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "comparisons").rglob("*.md"))]
+
+
+def commands_of_pages():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for block in re.findall(r"^```(?:sh|console|bash)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+            for line in block.replace("\\\n", " ").splitlines():
+                if line.lstrip("$ ").startswith("bodyimage-kin "):
+                    yield page.name, line.lstrip("$ ").split(" #")[0]
+
+
+def test_every_command_that_the_pages_show_is_understood(capsys):
+    shown = list(commands_of_pages())
+    assert len(shown) > 5
+    for page, line in shown:
+        arguments = shlex.split(line)[1:]
+        if "--help" in arguments or "completion" in line:
+            # Printed, instead of written into somebody's home.
+            arguments = [one.replace("-write-", "-print-") for one in arguments if not one.startswith("~")]
+            with pytest.raises(SystemExit) as end:
+                cli._parsed(arguments)
+            assert not end.value.code, f"{page}: {line}"
+            continue
+        try:
+            assert isinstance(cli._parsed(arguments), cli._COMMANDS[arguments[0]])
+        except SystemExit:
+            pytest.fail(f"{page}: {line}\n{capsys.readouterr().err}")
+
+
+def test_the_page_of_the_command_line_names_every_command_and_every_status():
+    text = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+    for command in COMMANDS:
+        assert re.search(rf"`{command}\b[^|]*\|", text), command
+    for status in (0, 1, cli._USER, cli._OURS):
+        assert f"| {status} |" in text
