@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from bodyimage_kin._arrays import ArrayLike
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body import graph
 from bodyimage_kin.body._laying import laid_by_points, laid_by_rays
 from bodyimage_kin.body._patch import Array3, Points, cast_patch
@@ -37,7 +38,7 @@ Place = str | int | Sequence[int]
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class Skin(Shown):
     """Taxels on a link. Lay one with :meth:`grid` or :meth:`points`.
 
     Attributes:
