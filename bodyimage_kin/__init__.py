@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bodyimage_kin import report as report
     from bodyimage_kin import study as study
     from bodyimage_kin import testing as testing
+    from bodyimage_kin import view as view
     from bodyimage_kin.backends import Kinematics as Kinematics
     from bodyimage_kin.backends import RobotKinematics as RobotKinematics
     from bodyimage_kin.backends import backends as backends
@@ -101,6 +102,7 @@ _PUBLIC = {
     "simulate": "recordings.simulation:simulate",
     "study": "study",
     "testing": "testing",
+    "view": "view",
     "write_recording": "recordings:write_recording",
 }
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.robot.nearest import nearest_on_shapes
 from bodyimage_kin.robot.shapes import Surface, cast
 
@@ -18,7 +19,7 @@ _TURNS = 30
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class Patch(Shown):
     """A rectangle in front of a link, from which taxels are cast onto its surface.
 
     Attributes:

@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from bodyimage_kin._arrays import ArrayLike
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body import graph
 from bodyimage_kin.body._laying import laid_by_points, laid_by_rays
 from bodyimage_kin.body._patch import Array3, Points, cast_patch
@@ -37,7 +38,7 @@ Place = str | int | Sequence[int]
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class Skin(Shown):
     """Taxels on a link. Lay one with :meth:`grid` or :meth:`points`.
 
     Attributes:
@@ -353,14 +354,15 @@ class Skin:
         """The taxel that a hand touches, -1 where it touches none.
 
         The nearest taxel is touched when the hand is on the surface there, within the tolerance, and no farther from
-        it sideways than three quarters of the distance to the next: a hand beside the skin touches nothing.
+        it sideways than three quarters of the distance to the next, or of a skin that is no grid nine tenths of it or
+        of the spacing: a hand beside the skin touches nothing.
 
         Args:
             centres: Centres of the hand, in the link [m].
             radius: The hand's [m].
             tolerance: Largest gap between hand and skin that counts as touch [m].
         """
-        tree, spacing = self._touching(radius)
+        tree, reach = self._touching(radius)
         known = ~np.isnan(centres).any(axis=1)
         nearest = np.zeros(len(centres), dtype=np.int64)
         nearest[known] = tree.query(centres[known])[1]
@@ -369,7 +371,7 @@ class Skin:
         height = (offset * normals).sum(axis=1)
         aside = np.linalg.norm(offset - height[:, None] * normals, axis=1)
         with np.errstate(invalid="ignore"):
-            touching = known & (height <= tolerance) & (aside <= 0.75 * spacing[nearest])
+            touching = known & (height <= tolerance) & (aside <= reach[nearest])
         return np.where(touching, nearest, -1)
 
     @property
@@ -401,8 +403,8 @@ class Skin:
         return (self.normals @ self.root_T_link[:3, :3]).numpy()
 
     def _touching(self, radius: float) -> tuple[scipy.spatial.KDTree, Float[np.ndarray, "taxels"]]:
-        """Where the hand's centre is on each taxel, and the distance from there to the next."""
+        """Where the hand's centre is on each taxel, and how far aside of it that one is still touched."""
         centres = self.link_positions + radius * self.link_normals
         tree = scipy.spatial.KDTree(centres)
         spacing = np.asarray(tree.query(centres, k=2)[0])[:, 1] if len(centres) > 1 else np.full(1, np.inf)
-        return tree, spacing if self.shape is not None else np.maximum(spacing, self.spacing)
+        return tree, 0.75 * spacing if self.shape is not None else 0.9 * np.maximum(spacing, self.spacing)

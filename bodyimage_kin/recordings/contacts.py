@@ -49,7 +49,7 @@ def touched_taxels(skin: Skin, contacts: Contacts) -> Int[np.ndarray, "samples"]
     """The taxel nearest to each contact; -1 without contact, and where the contact is off the patch.
 
     A grid ends half a cell beyond its outermost taxels, as the rays see it that laid them; what faces away from the
-    rays is off the patch as well. Any other skin ends, beside a taxel, after three quarters of the spacing.
+    rays is off the patch as well. Any other skin ends, beside a taxel, after nine tenths of the spacing.
     """
     touching = ~np.isnan(contacts.points).any(axis=1)
     _, nearest = scipy.spatial.KDTree(skin.link_positions).query(contacts.points[touching])
@@ -79,4 +79,4 @@ def _beside(skin: Skin, taxels: Int[np.ndarray, "count"], points: Points, normal
     outward = skin.link_normals[taxels]
     away = points - skin.link_positions[taxels]
     aside = np.linalg.norm(away - (away * outward).sum(1, keepdims=True) * outward, axis=1)
-    return np.asarray((aside <= 0.75 * skin.spacing) & ((outward * normals).sum(1) > 0.0))
+    return np.asarray((aside <= 0.9 * skin.spacing) & ((outward * normals).sum(1) > 0.0))

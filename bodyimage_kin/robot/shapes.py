@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.geometry import Box, Capsule, Collision, Cylinder, Mesh, Sphere, Visual
@@ -29,7 +30,7 @@ _LARGEST = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Shown):
     """One convex primitive, in its link.
 
     Attributes:
