@@ -13,6 +13,8 @@ from bodyimage_kin.body.file import embodiments as embodiments
 from bodyimage_kin.body.file import load_embodiment as load_embodiment
 from bodyimage_kin.body.hand import Hand as Hand
 from bodyimage_kin.body.pinhole import Pinhole as Pinhole
+from bodyimage_kin.body.proposal import Proposal as Proposal
+from bodyimage_kin.body.proposal import propose as propose
 from bodyimage_kin.body.skin import Patch as Patch
 from bodyimage_kin.body.skin import Skin as Skin
 
@@ -25,6 +27,7 @@ __all__ = [
     "Hand",
     "Patch",
     "Pinhole",
+    "Proposal",
     "Skin",
     "Stereo",
     "Tracker",
@@ -32,4 +35,5 @@ __all__ = [
     "check_embodiment",
     "embodiments",
     "load_embodiment",
+    "propose",
 ]

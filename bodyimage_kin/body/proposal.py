@@ -123,7 +123,7 @@ def _proposed(
     wide = VirtualScreen(distance=0.04, near=1e-4, half_angle=math.radians(80.0))
     for share in _SMALLER:
         of_this = list[str]()
-        patch = _patch(robot, face, root_T_face[:3, :3].T @ axes, folder, share, of_this)
+        patch = _patch(robot, face, _tidy(root_T_face[:3, :3].T @ axes), folder, share, of_this)
         optical = _optical_centre(patch, root_T_face, root_T_eye, axes, of_this)
         first = Embodiment.build(
             robot, joints=joints, hand=palm, camera=Camera(eye, optical, wide), skin=patch, home=robot.named(home),
@@ -208,6 +208,12 @@ def _axes(
     return np.stack([right, -up, ahead], axis=1)
 
 
+def _tidy(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """The same rotation; one along the axes to a milliradian exactly so."""
+    along = rotation.round() + 0.0
+    return along if np.abs(rotation - along).max() < 1e-3 else rotation
+
+
 # Hand, skin and eye ---------------------------------------------------------------------------------------------------
 
 
@@ -254,7 +260,7 @@ def _patch(
             width, height = (most * share * largest).round(3).tolist()
             try:
                 skin = Skin.grid(
-                    robot, link, shape=_SHAPE, size=(height, width), centre=(axes @ centre).round(4),
+                    robot, link, shape=_SHAPE, size=(height, width), centre=(axes @ centre).round(4) + 0.0,
                     forward=axes[:, 2], right=axes[:, 0], landmarks=_LANDMARKS, reference="right_eye",
                     eye="right_eye", on=on, mesh_folder=folder,
                 )  # fmt: skip
@@ -290,7 +296,7 @@ def _cylinder(
     upright = np.stack([axes[:, 2], -axes[:, 0], -axes[:, 1]], axis=1)
     angles = scipy.spatial.transform.Rotation.from_matrix(upright).as_euler("xyz")
     roll, pitch, yaw = angles.tolist()
-    x, y, z = place.round(4).tolist()
+    x, y, z = (place.round(4) + 0.0).tolist()
     return Collision(Cylinder(round(radius, 4), round(float((high - low)[1]), 4)), (x, y, z), (roll, pitch, yaw))
 
 
@@ -309,6 +315,7 @@ def _optical_centre(
     pose[:3, :3] = axes
     pose[:3, 3] = root_T_face[:3, :3] @ (place - depth * skin.forward) + root_T_face[:3, 3]
     found = np.linalg.inv(root_T_eye) @ pose
+    found[:3, :3], found[:3, 3] = _tidy(found[:3, :3]), found[:3, 3].round(4) + 0.0
     said.append(
         f"eye: the paper's, {1e3 * _HIDDEN:.0f} mm behind the rearmost taxel and behind landmark right_eye, "
         f"{1e3 * float(np.linalg.norm(found[:3, 3])):.0f} mm from the origin of its link: an eye in front of the face "
@@ -335,7 +342,10 @@ def _at_home(body: Embodiment, hulls: Hulls, said: list[str]) -> Embodiment:
         for start in starts:
             q, reached = replace(body, home=body.full_posture(start)).reach(target)
             gap = min(gap, float(torch.linalg.vector_norm(body.hand_in_front_and_jacobian(q)[0] - target)))
-            if bool(reached.all()) and bool(body.visible(q[0])):
+            if not bool(reached.all()):
+                # It has been looked for from all over the joint space already.
+                break
+            if bool(body.visible(q[0])):
                 hits = len(hulls.collisions(body.full_posture(q[0]), body.joints))
                 margin = float(torch.minimum((q[0] - low) / (high - low), (high - q[0]) / (high - low)).min())
                 tried.append((hits, -round(margin, 3), q[0]))
