@@ -17,6 +17,9 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from bodyimage_kin.cli.calibrate import Calibrate
+from bodyimage_kin.cli.next import Next
+from bodyimage_kin.cli.score import Score
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
 
 __all__ = ["main"]
@@ -218,6 +221,9 @@ _COMMANDS: dict[str, Callable[..., Any]] = {
     "study": Study,
     "report": Report,
     "fit": Fit,
+    "score": Score,
+    "calibrate": Calibrate,
+    "next": Next,
     "conform": Conform,
     "embodiment": Embodiment,
 }
