@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
+from bodyimage_kin._shown import Shown, table
 from bodyimage_kin.body import Camera, Embodiment
 from bodyimage_kin.calibration.observability import observability_indices, unobservable
 from bodyimage_kin.calibration.prior import Prior
@@ -30,7 +31,7 @@ _MOVES = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOut(Shown):
     """Errors of observations that a fit did not see.
 
     Attributes:
@@ -179,7 +180,7 @@ class Calibrated:
 
         ``prior`` is its standard deviation beforehand, ``inf`` where nothing was known; what was held has ``doubt`` 0.
         """
-        table = pd.DataFrame(
+        frame = pd.DataFrame(
             {
                 "measure": [one.name for one in self.parameters],
                 "group": [one.group for one in self.parameters],
@@ -190,7 +191,7 @@ class Calibrated:
                 "fitted": self.fit.free,
             }
         )
-        return str(table.to_csv(index=False, lineterminator="\n"))
+        return str(frame.to_csv(index=False, lineterminator="\n"))
 
     @cached_property
     def unobservable(self) -> tuple[str, ...]:
@@ -282,6 +283,16 @@ class Calibrated:
 
     def __repr__(self) -> str:
         return f"Calibrated({self.problem.body.name!r}, {self.free} measures; {self.verdict})"
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks, and what cannot be known."""
+        rows = {
+            "body": self.problem.body.name,
+            "measures": str(self.free),
+            "known from the prior alone": "; ".join(self.unobservable) or "none",
+            "hardly moved": ", ".join(self.still) or "none",
+        }
+        return table("Calibrated", self.verdict, rows)
 
 
 def _moved(pose: Float[np.ndarray, "4 4"] | None, point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

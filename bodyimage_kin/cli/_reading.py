@@ -7,9 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from bodyimage_kin.errors import InvalidConfig
+from tyro.conf import arg
+
+from bodyimage_kin.cli.arguments import Command, pairs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,30 +20,24 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
-    """How a table is read; a NetCDF file says all of this itself."""
+class Reading(Command):
+    """A command that reads a recording of the user's own; a NetCDF file says all of this itself."""
 
-    order: Literal["stream", "scattered"] | None = None
-    """Whether rows of a table follow each other in time, or are postures in no order."""
-    unit: tuple[str, ...] = ()
-    """Units of a table, such as q=deg hand_position=mm; radians, metres and pixels where nothing is said."""
+    order: Annotated[Literal["stream", "scattered"] | None, arg(metavar="stream|scattered", help_behavior_hint="")] = (
+        None
+    )
+    """Rows of a table one after the other in time, or postures in no order; a column of time says the first."""
+    units: Annotated[tuple[str, ...], arg(metavar="NAME=VALUE ...", help_behavior_hint="")] = ()
+    """Units in a table: q=deg, hand_position=mm, time=ms. Else radians, metres, seconds, pixels."""
 
     def read(self, path: Path, body: Embodiment | None) -> xr.Dataset:
         """The recording; columns are found by their names (q.JOINT, hand_image.u ...)."""
         from bodyimage_kin.recordings import read_recording
         from bodyimage_kin.recordings.tables import TABLES
 
-        if path.suffix.lower() not in TABLES and not self.order and not self.unit:
+        if path.suffix.lower() not in TABLES and not self.order and not self.units:
             return read_recording(path)
-        units = dict(_part(one) for one in self.unit)
-        return read_recording(path, robot=body, order=self.order, units=units or None)
-
-
-def _part(text: str) -> tuple[str, str]:
-    variable, mark, unit = text.partition("=")
-    if not mark:
-        raise InvalidConfig(f"--unit {text}: give VARIABLE=UNIT, such as q=deg")
-    return variable, unit
+        return read_recording(path, robot=body, order=self.order, units=pairs("--units", self.units) or None)
 
 
 @contextmanager

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
-import tyro
+from tyro.conf import Positional, arg
 
 from bodyimage_kin.cli._reading import Reading, heard
+from bodyimage_kin.cli.arguments import Folder, MaybeNumber, Names
 from bodyimage_kin.errors import InvalidConfig
 
 __all__ = ["Calibrate"]
@@ -21,21 +22,26 @@ class Calibrate(Reading):
     Writes robot.urdf, body.toml, measures.csv and report.html. Exit status 1 when the fit explains nothing.
     """
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "bodyimage-kin calibrate recording.csv --robot my.toml --out found",
+        "bodyimage-kin calibrate tracker.csv touches.nc --robot my.toml --free axes offsets hand --out found",
+    )
+
+    recordings: Annotated[tuple[Path, ...], Positional, arg(metavar="RECORDING ...", help_behavior_hint="")]
     """Recordings: NetCDF, or tables (CSV, Parquet, MATLAB) with columns q.JOINT and what was observed: hand_image.u,
     hand_image.v; hand_position.x, .y, .z of a tracker; touched."""
-    robot: str
+    robot: Annotated[str, arg(metavar="NAME|TOML")]
     """Its embodiment: a name, or the path of a TOML file."""
-    out: Path
+    out: Folder
     """Folder for the results: new, empty, or of an earlier calibration."""
-    free: tuple[str, ...] = ()
+    free: Names = ()
     """What may be off: axes offsets encoders hand camera intrinsics skin; 'auto' frees only what helps; by default
     axes, offsets, hand and skin."""
-    axes: float | None = None
+    axes: MaybeNumber = None
     """How far each axis may be tilted [rad], standard deviation; 0.05 by default."""
-    offsets: float | None = None
+    offsets: MaybeNumber = None
     """How far each joint may be shifted [m], standard deviation; 0.005 by default."""
-    folds: int = 5
+    folds: Annotated[int, arg(metavar="N")] = 5
     """Parts that are hidden in turn to judge, where the recording has no blocks of its own."""
 
     def __call__(self) -> int:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
+
+from tyro.conf import arg
 
 from bodyimage_kin.cli._reading import Reading, heard
+from bodyimage_kin.cli.arguments import Folder, MaybeFile, MaybeNumber, Seed
 
 __all__ = ["Next"]
 
@@ -18,25 +21,30 @@ class Next(Reading):
     Writes postures.csv and report.html.
     """
 
-    robot: str
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "bodyimage-kin next --robot my.toml --count 10 --out next",
+        "bodyimage-kin next --robot my.toml --seen recording.csv --units q=deg --noise .5 --out next",
+    )
+
+    robot: Annotated[str, arg(metavar="NAME|TOML")]
     """Its embodiment: a name, or the path of a TOML file."""
-    seen: Path | None = None
+    seen: MaybeFile = None
     """What was seen already: a recording, NetCDF or a table."""
-    count: int = 10
+    count: Annotated[int, arg(metavar="N")] = 10
     """How many postures."""
-    at: Literal["face", "joint_space"] | None = None
+    at: Annotated[Literal["face", "joint_space"] | None, arg(metavar="face|joint_space", help_behavior_hint="")] = None
     """Where it wants to know its map: on its skin, or anywhere; by default on the skin, if it has one."""
-    axes: float | None = None
+    axes: MaybeNumber = None
     """How far each axis may be tilted [rad], standard deviation; 0.05 by default."""
-    offsets: float | None = None
+    offsets: MaybeNumber = None
     """How far each joint may be shifted [m], standard deviation; 0.005 by default."""
-    noise: float | None = None
+    noise: MaybeNumber = None
     """Standard deviation of the image, in its unit; 0.2 mm by default on a virtual screen, to be given otherwise."""
-    apart: float = 1e-3
+    apart: Annotated[float, arg(metavar="X")] = 1e-3
     """Least distance of any two postures, in their farthest joint [rad or m]: the noise of the encoders."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the candidates that are drawn."""
-    out: Path = Path("next")
+    out: Folder = Path("next")
     """Folder for the results."""
 
     def __call__(self) -> int:

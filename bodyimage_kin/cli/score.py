@@ -5,11 +5,12 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
-import tyro
+from tyro.conf import Positional, arg
 
 from bodyimage_kin.cli._reading import Reading, heard
+from bodyimage_kin.cli.arguments import File, MaybeEmbodiment, MaybeNumber, Names, Seed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,20 +41,25 @@ class Score(Reading):
     With a robot, its calibrated body is held beside them, and says how wrong they are in all directions.
     """
 
-    recording: Annotated[Path, tyro.conf.Positional]
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "bodyimage-kin score recording.csv --units q=deg",
+        "bodyimage-kin score poses.csv --order scattered --robot my.toml --estimators RationalTrig GaussianProcess",
+    )
+
+    recording: Annotated[Path, Positional, arg(metavar="RECORDING")]
     """The recording: NetCDF, or a table (CSV, Parquet, MATLAB) with columns q.JOINT and hand_image.u, hand_image.v."""
-    robot: str | None = None
+    robot: MaybeEmbodiment = None
     """Its embodiment: a name, or the path of a TOML file."""
-    estimators: tuple[str, ...] = ()
+    estimators: Names = ()
     """Names of estimators, or package.module:Class; nothing: eight of them."""
-    folds: int = 5
+    folds: Annotated[int, arg(metavar="N")] = 5
     """Parts of the recording that are hidden in turn."""
-    noise: float | None = None
+    noise: MaybeNumber = None
     """Root mean squared noise of one image, in its unit; by default from repeated postures, or from what the
     calibrated body leaves."""
-    seed: int = 0
+    seed: Seed = 0
     """Of whatever is drawn at random."""
-    out: Path = Path("scores.html")
+    out: File = Path("scores.html")
     """The page."""
 
     def __call__(self) -> int:

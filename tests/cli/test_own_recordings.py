@@ -23,7 +23,7 @@ def table(body, tmp_path_factory):
     return str(path)
 
 
-UNITS = ["--unit", "q=deg", "hand_image=mm"]
+UNITS = ["--units", "q=deg", "hand_image=mm"]
 
 
 def test_score_ranks_what_learns_from_a_table(table, tmp_path, capsys):
@@ -92,10 +92,10 @@ def test_next_chooses_before_and_after_anything_was_seen(body, table, tmp_path):
     ("arguments", "message"),
     [
         (["score", "missing.csv"], "missing.csv"),
-        (["score", "TABLE", "--unit", "q"], "VARIABLE=UNIT"),
+        (["score", "TABLE", "--units", "q"], "NAME=VALUE"),
         (["score", "TABLE", *UNITS, "--estimators", "Analytic"], "--robot"),
         (["score", "TABLE", *UNITS, "--estimators", "LeastSqares"], "did you mean 'LeastSquares'"),
-        (["score", "TABLE", "--unit", "q=gon"], "gon"),
+        (["score", "TABLE", "--units", "q=gon"], "gon"),
         (["calibrate", "TABLE", "--robot", "infant", *UNITS, "--free", "arms", "--out", "out"], "free='arms'"),
         (["calibrate", "--robot", "infant", "--out", "out"], "at least one recording"),
         (["next", "--robot", "infant", "--count", "0"], "count=0"),

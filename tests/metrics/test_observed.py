@@ -7,7 +7,7 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin import metrics
-from bodyimage_kin.errors import DataWarning, InvalidArray, InvalidConfig, InvalidRecording
+from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording
 from bodyimage_kin.estimators import edges, pairs
 
 RNG = np.random.default_rng(0)
@@ -227,7 +227,7 @@ def test_a_learner_that_saw_a_plane_is_right_about_pairs_and_wrong_about_the_res
     q = centre + 0.1 * rng.uniform(-1, 1, (250, 2)) @ plane
     exp = scattered(q, body.hand_image(q, on_invisible="nan").numpy())
     fold = metrics.hold_out_folds(exp, 4)[0]
-    with pytest.warns(DataWarning, match="hardly move along"):
+    with pytest.warns(bk.errors.DataWarning, match="hardly move along"):
         learned = bk.estimators.GaussianProcess().fit(fold.seen)
     on_pairs = metrics.pair_error(metrics.predicted_pairs(learned, fold.hidden), fold.hidden.dr)
     spectrum = metrics.local_spectrum(q)
