@@ -63,4 +63,3 @@ def drawn_bodies(
             )
         )
     return found
-

@@ -212,8 +212,8 @@ class Lissajous(Motion):
     """
 
     distance: float = 0.06
-    width: float = 0.05
-    height: float = 0.05
+    width: float = 0.04
+    height: float = 0.04
     depth: float = 0.04
     rates: Sequence[int] = (5, 4, 3)
     duration: float = 40.0
