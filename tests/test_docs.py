@@ -38,6 +38,12 @@ assert chosen.q.shape == (10, body.p)
 """
 
 
+UNCERTAIN = """
+assert maps.covariance.shape == (21, 21, 2, 2)
+assert scores["error"] > 0
+"""
+
+
 FIGURES = """
 assert table["value"].notna().sum() == body.skin.count
 assert {path.suffix for path in __import__("pathlib").Path("figures").iterdir()} == {".svg", ".png", ".csv"}
@@ -57,6 +63,7 @@ assert {"training", "joint_space"} <= set(scores.probe.values.tolist())
         pytest.param(ROOT / "README.md", PROMISES, id="README.md"),
         pytest.param(DOCS / "quickstart.md", PROMISES, id="quickstart.md"),
         pytest.param(DOCS / "calibration.md", CALIBRATED, id="calibration.md"),
+        pytest.param(DOCS / "uncertainty.md", UNCERTAIN, id="uncertainty.md"),
         pytest.param(DOCS / "your_own_robot.md", OWN_ROBOT, id="your_own_robot.md"),
         pytest.param(DOCS / "api" / "figures.md", FIGURES, id="figures.md"),
     ],
