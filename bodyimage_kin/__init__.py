@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bodyimage_kin import report as report
     from bodyimage_kin import study as study
     from bodyimage_kin import testing as testing
+    from bodyimage_kin import view as view
     from bodyimage_kin.backends import Kinematics as Kinematics
     from bodyimage_kin.backends import RobotKinematics as RobotKinematics
     from bodyimage_kin.backends import backends as backends
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.body import Camera as Camera
     from bodyimage_kin.body import Hand as Hand
     from bodyimage_kin.body import Pinhole as Pinhole
+    from bodyimage_kin.body import Skin as Skin
     from bodyimage_kin.body import Stereo as Stereo
     from bodyimage_kin.body import Tracker as Tracker
     from bodyimage_kin.body import VirtualScreen as VirtualScreen
@@ -71,6 +73,7 @@ _PUBLIC = {
     "Pinhole": "body:Pinhole",
     "Robot": "robot:Robot",
     "RobotKinematics": "backends:RobotKinematics",
+    "Skin": "body:Skin",
     "Stereo": "body:Stereo",
     "Study": "study:Study",
     "Tracker": "body:Tracker",
@@ -103,6 +106,7 @@ _PUBLIC = {
     "simulate": "recordings.simulation:simulate",
     "study": "study",
     "testing": "testing",
+    "view": "view",
     "write_recording": "recordings:write_recording",
 }
 

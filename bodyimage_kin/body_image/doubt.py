@@ -24,6 +24,7 @@ import xarray as xr
 from jaxtyping import Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body_image._checks import postures, whole
 from bodyimage_kin.body_image._touches import image_bounds, images_known
 from bodyimage_kin.body_image.integration import integrate
@@ -63,7 +64,7 @@ def integrate_draws(exp: xr.Dataset, draws: Sequence[HasDisplacement], **setting
 
 
 @dataclass(frozen=True, eq=False)
-class BodyImageDraws:
+class BodyImageDraws(Shown):
     """Body images that are as plausible as each other: every taxel, and every posture, with a mean and a covariance.
 
     Attributes:

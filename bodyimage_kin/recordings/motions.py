@@ -318,7 +318,7 @@ class FaceTour(Motion):
         for name in self.landmarks:
             if name not in skin.landmarks:
                 raise UnknownName("landmark", name, skin.landmarks)
-        stops = skin.coordinates(np.array([skin.landmarks[name] for name in self.landmarks]))
+        stops = [skin.landmarks[name] for name in self.landmarks]
         timeline = Timeline(body, self.speed)
         for start, end in itertools.pairwise(stops):
             timeline.stroke(start, end, lambda s: 10 * s**3 - 15 * s**4 + 6 * s**5)
@@ -353,7 +353,7 @@ class RandomTouch(Motion):
     def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
         """Strokes between random taxels."""
         skin = body.require_skin()
-        reference = skin.coordinates(np.array([skin.reference]))[0]
+        reference = skin.reference
         timeline = Timeline(body, self.speed)
         timeline.rest(reference, self.rest)
         here, next_reset = reference, self.reset_interval
@@ -364,7 +364,7 @@ class RandomTouch(Motion):
                 here = reference
                 next_reset += self.reset_interval * max(1, np.ceil((timeline.clock - next_reset) / self.reset_interval))
                 continue
-            target = skin.coordinates(rng.integers(skin.count, size=1))[0]
+            target = int(rng.integers(skin.count, size=1)[0])
             timeline.stroke(here, target)
             here = target
         return timeline.sampled(sampling, self.duration - sampling / 2)

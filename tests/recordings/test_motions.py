@@ -27,7 +27,7 @@ class Lissajous(Motion):
         angle = rng.uniform(0.0, 2 * np.pi) + self.speed / self.size * np.arange(0.0, 4.0, sampling)
         x, y = self.size * np.sin(angle), self.size * np.sin(self.ratio * angle)
         centre = body.touch_centres([body.skin.count // 2], 0.03)[0].numpy()
-        return Path(centre + x[:, None] * body.skin.patch.right + y[:, None] * body.skin.patch.down)
+        return Path(centre + x[:, None] * body.skin.right + y[:, None] * body.skin.down)
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,7 @@ def test_a_figure_of_ones_own_is_drawn_in_view_and_learned_from(body, dynamics, 
     assert np.isfinite(recording.hand_image).all()
     assert not recording.at_reference.any()
     angle = np.linspace(0.0, 2 * np.pi, 20000)[:, None]
-    figure = 0.02 * (np.sin(angle) * body.skin.patch.right + np.sin(2 * angle) * body.skin.patch.down)
+    figure = 0.02 * (np.sin(angle) * body.skin.right + np.sin(2 * angle) * body.skin.down)
     figure += body.touch_centres([body.skin.count // 2], 0.03)[0].numpy()
     for trial in range(2):
         hand = body.hand_in_skin(recording.true_q.values[trial]).numpy()
