@@ -27,6 +27,7 @@ from bodyimage_kin.cli.next import Next
 from bodyimage_kin.cli.recordings import Fit, Import, Simulate
 from bodyimage_kin.cli.score import Score
 from bodyimage_kin.cli.studies import Report, Reproduce, Study
+from bodyimage_kin.cli.viewing import View
 from bodyimage_kin.errors import BodyImageKinError, DataWarning
 
 __all__ = ["main"]
@@ -42,6 +43,7 @@ _COMMANDS: Mapping[str, type[Command]] = {
     "calibrate": Calibrate,
     "next": Next,
     "embodiment": Embodiment,
+    "view": View,
     "conform": Conform,
     "doctor": Doctor,
 }

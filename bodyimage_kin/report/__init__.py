@@ -59,8 +59,8 @@ def publish(
     """Writes what a published comparison consists of, beside its config and its findings.
 
     ``results.json`` has the numbers of table and figure with their intervals, ``table.md`` the ones to be read,
-    ``errors.svg``, ``errors.png`` and ``errors.csv`` the errors at every probe. Ratios are on the face; p-values are
-    adjusted over all comparisons of one embodiment.
+    ``table.tex`` the same for a paper (booktabs), ``errors.svg``, ``errors.png`` and ``errors.csv`` the errors at every
+    probe. Ratios are on the face; p-values are adjusted over all comparisons of one embodiment.
 
     Args:
         results: Of :meth:`bodyimage_kin.Study.run`.
