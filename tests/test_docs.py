@@ -38,6 +38,12 @@ assert chosen.q.shape == (10, body.p)
 """
 
 
+UNCERTAIN = """
+assert maps.covariance.shape == (21, 21, 2, 2)
+assert scores["error"] > 0
+"""
+
+
 EXTENDED = """
 assert scores.relative_error.sel(probe="training").item() < 1.0
 assert other.camera.model.unit == "px"
@@ -69,13 +75,23 @@ assert {"training", "joint_space"} <= set(scores.probe.values.tolist())
 """
 
 
+SKINS = """
+assert skin.shape == (21, 21) and not skin.notes
+assert np.allclose(np.linalg.norm(ball.link_positions - [0.0, 0.0, 0.06], axis=1), 0.075)
+assert patches.pieces == 1 and patches.link_normals[:, 0].min() > 0
+assert (touch["touched"] >= 0).mean() > 0.7
+"""
+
+
 @pytest.mark.parametrize(
     ("page", "promises"),
     [
         pytest.param(ROOT / "README.md", PROMISES, id="README.md"),
         pytest.param(DOCS / "quickstart.md", PROMISES, id="quickstart.md"),
         pytest.param(DOCS / "calibration.md", CALIBRATED, id="calibration.md"),
+        pytest.param(DOCS / "uncertainty.md", UNCERTAIN, id="uncertainty.md"),
         pytest.param(DOCS / "your_own_robot.md", OWN_ROBOT, id="your_own_robot.md"),
+        pytest.param(DOCS / "skins.md", SKINS, id="skins.md"),
         pytest.param(DOCS / "extend.md", EXTENDED, id="extend.md"),
         pytest.param(DOCS / "your_own_recording.md", RECORDED, id="your_own_recording.md"),
         pytest.param(DOCS / "view.md", VIEWED, id="view.md"),

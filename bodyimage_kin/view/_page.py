@@ -330,11 +330,6 @@ def _spacing(places: Float[np.ndarray, "taxels 3"]) -> float:
 
 
 def _edges(scene: Scene) -> Any:
-    """Pairs of taxels that are neighbours on a grid."""
+    """Pairs of neighbouring taxels."""
     skin = scene.body.skin
-    if skin is None:
-        return np.empty((0, 2), dtype=int)
-    numbers = np.arange(skin.count).reshape(skin.shape)
-    across = np.stack([numbers[:, :-1].ravel(), numbers[:, 1:].ravel()], axis=1)
-    down = np.stack([numbers[:-1].ravel(), numbers[1:].ravel()], axis=1)
-    return np.concatenate([across, down])
+    return np.empty((0, 2), dtype=int) if skin is None else skin.neighbours

@@ -401,7 +401,7 @@ class Scene(Shown):
     def _grow(self, kept: _Kept, of: xr.Dataset, trial: int) -> None:
         """Lets the tactile map learn from the estimate, where there are touches and a skin that is a grid."""
         skin = self.body.skin
-        if skin is None or "touched" not in of or not (of["touched"].values[trial] >= 0).any():
+        if skin is None or skin.shape is None or "touched" not in of or not (of["touched"].values[trial] >= 0).any():
             return
         one = of.isel(trial=[trial])
         steps = np.unique(np.linspace(0, one.sizes["time"], _SNAPSHOTS).astype(int))
