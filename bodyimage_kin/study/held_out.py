@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.stats
@@ -202,9 +203,9 @@ class _Judged:
         return float(found.low), float(found.high)
 
 
-def _row(estimator: Estimator, parts: list[HeldOut], noise: float, seed: int) -> dict[str, object]:
+def _row(estimator: Estimator, parts: list[HeldOut], noise: float, seed: int) -> dict[str, Any]:
     """All numbers of one estimator; NaN, and why, where it cannot learn from what is seen."""
-    row: dict[str, object] = dict.fromkeys(_NUMBERS, float("nan"))
+    row: dict[str, Any] = dict.fromkeys(_NUMBERS, float("nan"))
     row |= {"by_fold": np.full(len(parts), np.nan), "failure": ""}
     try:
         learned = [estimator.fit(part.seen, seed) for part in parts]

@@ -109,7 +109,12 @@ def score(
         rows = held_out_scores(specs, seen, folds=folds, noise=noise, seed=seed)
         return rows if isinstance(learned, Mapping) else rows.isel(estimator=0, drop=True)
     if isinstance(body, Calibrated):
-        settings = {"tour": tour, "scores": scores, "first_maps": first_maps, "excitation_cut": excitation_cut}
+        settings: dict[str, Any] = {
+            "tour": tour,
+            "scores": scores,
+            "first_maps": first_maps,
+            "excitation_cut": excitation_cut,
+        }
         every = [body.body, *body.draws(whole("draws", draws, least=2), seed)]
         return _over_draws(
             [score(learned, one, seen, use, probes, seed=seed, metric_of=metric_of, **settings) for one in every]
