@@ -187,9 +187,8 @@ def _against(against: Mapping[str, xr.Dataset], ranked: Sequence[str], verdict: 
     for name in (name for name in ranked if name in against):
         one = against[name]
         places = [(one["relative_error_moved"], one["relative_error_moved_sd"])]
-        places += [
-            tuple(one[key].sel(probe=probe) for key in ("relative_error", "relative_error_sd")) for probe in probes
-        ]
+        error, doubt = one["relative_error"], one["relative_error_sd"]
+        places += [(error.sel(probe=probe), doubt.sel(probe=probe)) for probe in probes]
         cells = [f"{percent(float(mean))} \N{PLUS-MINUS SIGN} {percent(float(sd))}" for mean, sd in places]
         lines.append([figures.label(name), *cells])
     return Section(
