@@ -11,6 +11,7 @@ from bodyimage_kin.recordings.schema import (
     is_scattered,
     joint_names,
     require_aligned,
+    without_truth,
 )
 from bodyimage_kin.recordings.settings import Drag, Noise
 from bodyimage_kin.recordings.simulation import simulate, simulate_many
@@ -30,5 +31,6 @@ __all__ = [
     "require_aligned",
     "simulate",
     "simulate_many",
+    "without_truth",
     "write_recording",
 ]
