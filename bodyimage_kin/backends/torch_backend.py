@@ -218,7 +218,10 @@ def _aligned(
 
 
 def _run(
-    steps: Float[Tensor, "steps 4 4"], q: Float[Tensor, "m batch"], sliding: Sequence[bool], product: Product = torch.matmul
+    steps: Float[Tensor, "steps 4 4"],
+    q: Float[Tensor, "m batch"],
+    sliding: Sequence[bool],
+    product: Product = torch.matmul,
 ) -> tuple[Float[Tensor, "4 3 batch"], list[tuple[Float[Tensor, "3 batch"], Float[Tensor, "3 batch"]]]]:
     """The end's frame (axes x, y, z, then the origin, in the root), and every joint's axis and origin."""
     batch = q.shape[-1]

@@ -261,7 +261,9 @@ def _flags(name: str, values: Shaped[np.ndarray, "..."]) -> Bool[np.ndarray, "..
 def _check_coordinates(recording: xr.Dataset) -> None:
     for name in COORDINATES:
         if name in recording.coords and recording[name].dims != (name,):
-            raise InvalidRecording(f"coordinate '{name}' has dimensions {recording[name].dims}; it must have ('{name}',)")
+            raise InvalidRecording(
+                f"coordinate '{name}' has dimensions {recording[name].dims}; it must have ('{name}',)"
+            )
     if "joint" in recording.coords:
         _refuse_doubled(joint_names(recording))
     if "time" not in recording.coords:

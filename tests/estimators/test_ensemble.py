@@ -69,6 +69,7 @@ def test_members_are_there_and_of_one_size():
         EnsembleJacobian(tuple(members))
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("members", [1, 10**30, True, 2.0])
 def test_members_are_counted(members):
     with pytest.raises(InvalidConfig, match=f"members={members}: give a whole number of at least 2 and at most 10000"):
