@@ -473,9 +473,9 @@ def test_a_bad_file_names_the_field_and_what_is_valid(tmp_path, bad):
 
 @pytest.mark.usefixtures("unchecked")
 def test_what_is_neither_name_nor_path_is_refused():
-    for given in (3, None, ["infant"]):
-        with pytest.raises(InvalidConfig, match=f"by its name or from a path, not from {type(given).__name__}"):
-            bk.load_embodiment(given)
+    for odd in (3, None, ["infant"]):
+        with pytest.raises(InvalidConfig, match=f"by its name or from a path, not from {type(odd).__name__}"):
+            bk.load_embodiment(odd)
 
 
 def test_an_unknown_embodiment_lists_the_known(tmp_path):

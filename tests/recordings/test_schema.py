@@ -59,9 +59,9 @@ def test_what_is_misshapen_is_named(circle):
     with pytest.raises(InvalidRecording, match="no 'axis' of variable 'hand_image'"):
         check(circle.isel(axis=[]))
     for order in ("loose", 3, None, np.array([1, 2])):
-        with pytest.raises(InvalidRecording, match="order=.*: give one of 'stream', 'scattered'"):
+        with pytest.raises(InvalidRecording, match=r"order=.*: give one of 'stream', 'scattered'"):
             check(circle.assign_attrs(order=order))
-        with pytest.raises(InvalidRecording, match="order="):
+        with pytest.raises(InvalidRecording, match="order"):
             bk.estimators.LeastSquares().fit(circle.assign_attrs(order=order))
     for name in schema.COORDINATES:
         if name in circle.coords:
