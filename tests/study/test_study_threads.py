@@ -40,7 +40,5 @@ def test_the_analytic_jacobian_is_right_on_threads(backend, tmp_path):
     assert float(found["max_oracle_difference"].max()) < 1e-12
     alone = study.run(tmp_path / "alone", "in-process")
     changing = ["fit_seconds"] if "fit_seconds" in found else []
-    xr.testing.assert_identical(
-        found.drop_vars(changing).drop_attrs(), alone.drop_vars(changing).drop_attrs()
-    )
+    xr.testing.assert_identical(found.drop_vars(changing).drop_attrs(), alone.drop_vars(changing).drop_attrs())
     assert np.isfinite(found["relative_error"]).all()
