@@ -124,10 +124,11 @@ class SelfCalibration(Estimator):
     robust: bool = True
 
     def __post_init__(self) -> None:
-        spread = {"above": 0.0} if self.starts == 0 else {"least": 0.0}
         _checks.whole("starts", self.starts, least=0)
         for name in ("axis_spread", "offset_spread", "hand_spread"):
-            _checks.number(name, getattr(self, name), **spread)
+            _checks.number(name, getattr(self, name), least=0.0)
+            if self.starts == 0:
+                _checks.number(name, getattr(self, name), above=0.0)
         _checks.whole("steps", self.steps, least=1)
         _checks.flag("robust", self.robust)
 
