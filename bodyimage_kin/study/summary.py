@@ -55,7 +55,7 @@ def summarise(results: xr.Dataset, score: str, *, seed: int = 0) -> xr.Dataset:
     found: dict[str, list[float]] = {name: [] for name in ("mean", "lower", "upper", "recordings")}
     for place in _places(values, grid):
         one = statistics.interval(values.isel(place).values, seed=seed)
-        for name, value in zip(found, (one.estimate, one.lower, one.upper, one.recordings), strict=True):
+        for name, value in zip(found, (one.estimate, one.lower, one.upper, one.units), strict=True):
             found[name].append(value)
     shape = [values.sizes[dim] for dim in grid]
     coords = {dim: values[dim] for dim in grid if dim in values.coords}
@@ -103,7 +103,7 @@ def compare(results: xr.Dataset, score: str, baseline: str, *, seed: int = 0) ->
         "ratio": [row.ratio.estimate for row in rows],
         "lower": [row.ratio.lower for row in rows],
         "upper": [row.ratio.upper for row in rows],
-        "recordings": [row.ratio.recordings for row in rows],
+        "recordings": [row.ratio.units for row in rows],
         "p": p,
         "p_holm": statistics.holm(p),
     }
