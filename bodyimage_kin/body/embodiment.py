@@ -8,7 +8,6 @@ taxel.
 from __future__ import annotations
 
 import hashlib
-import html
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -24,6 +23,7 @@ from torch import Tensor
 
 from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures
 from bodyimage_kin._checks import number, text
+from bodyimage_kin._shown import table
 from bodyimage_kin.backends import Kinematics, backends, kinematics
 from bodyimage_kin.body import reach
 from bodyimage_kin.body._build import Mistakes, check_parts, put_together
@@ -135,8 +135,7 @@ class Embodiment(SeeingBody):
             "skin": skin,
             "sha256": self.sha256[:12],
         }
-        cells = "".join(f"<tr><th>{key}</th><td>{html.escape(value)}</td></tr>" for key, value in rows.items())
-        return f"<p><b>{html.escape(self.name)}</b></p><table>{cells}</table>"
+        return table(self.name, "an embodiment", rows)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Embodiment):

@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.robot.shapes import Shape, cast
 
@@ -25,7 +26,7 @@ Points = Float[np.ndarray, "count 3"]
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class Patch(Shown):
     """A rectangle in front of a link, from which taxels are cast onto its shape.
 
     Attributes:
@@ -55,7 +56,7 @@ class Patch:
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class Skin(Shown):
     """Taxels on a link.
 
     Attributes:

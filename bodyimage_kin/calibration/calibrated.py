@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
+from bodyimage_kin._shown import Shown, table
 from bodyimage_kin.body import Camera, Embodiment
 from bodyimage_kin.calibration.observability import observability_indices, unobservable
 from bodyimage_kin.calibration.prior import Prior
@@ -28,7 +29,7 @@ _MOVES = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOut(Shown):
     """Errors of observations that a fit did not see.
 
     Attributes:
@@ -240,6 +241,16 @@ class Calibrated:
 
     def __repr__(self) -> str:
         return f"Calibrated({self.problem.body.name!r}, {self.free} measures; {self.verdict})"
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks, and what cannot be known."""
+        rows = {
+            "body": self.problem.body.name,
+            "measures": str(self.free),
+            "known from the prior alone": "; ".join(self.unobservable) or "none",
+            "hardly moved": ", ".join(self.still) or "none",
+        }
+        return table("Calibrated", self.verdict, rows)
 
 
 def _moved(pose: Float[np.ndarray, "4 4"] | None, point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from bodyimage_kin.cli.arguments import print_json
 from bodyimage_kin.recordings import experience, read_recording
 from bodyimage_kin.study import Study, failures, read_study
 from bodyimage_kin.study.results import MISSING, write_results
@@ -41,8 +42,12 @@ def study_command(
     return _written(results, out)
 
 
-def status_command(out: Path) -> int:
+def status_command(out: Path, *, json: bool = False) -> int:
     """``bodyimage-kin study --status DIR``: how many recordings of each cell are done, failed and missing.
+
+    Args:
+        out: The store.
+        json: As a JSON document, for a machine.
 
     Returns:
         0, or :data:`FAILED` when a cell failed.
@@ -52,14 +57,18 @@ def status_command(out: Path) -> int:
     """
     results = read_study(out)
     said = results["failure"].transpose("embodiment", "recording", "estimator", "seed")
-    total = said.sizes["seed"]
+    total, rows = said.sizes["seed"], list[dict[str, str | int]]()
     for place in np.ndindex(said.shape[:3]):
         one = said[place]
         missing = int((one == MISSING).sum())
         failed = int((one != "").sum()) - missing
-        name = "/".join(str(one[dim].item()) for dim in said.dims[:3])
-        print(f"{name}: {total - missing - failed} of {total} done", end="")
-        print(f", {failed} failed" * bool(failed) + f", {missing} to do" * bool(missing))
+        names = {str(dim): str(one[dim].item()) for dim in said.dims[:3]}
+        rows.append({**names, "done": total - missing - failed, "failed": failed, "to_do": missing})
+    if json:
+        print_json({"seeds": total, "rows": rows})
+    for row in () if json else rows:
+        print(f"{row['embodiment']}/{row['recording']}/{row['estimator']}: {row['done']} of {total} done", end="")
+        print(f", {row['failed']} failed" * bool(row["failed"]) + f", {row['to_do']} to do" * bool(row["to_do"]))
     return _show_failures(results)
 
 

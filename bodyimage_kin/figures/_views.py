@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.figures._visuals import Surface, triangles
+from bodyimage_kin.figures.visuals import Surface, triangles
 
 Window: TypeAlias = tuple[float, float, float, float]
 """Left, right, bottom, top on the picture plane [m]."""

@@ -15,6 +15,7 @@ import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin._checks import whole
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.estimators import Pairs, fold_of_each, pairs
 
@@ -22,7 +23,7 @@ __all__ = ["HeldOut", "hold_out", "hold_out_folds", "image_regions"]
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOut(Shown):
     """An experience with one region or fold hidden.
 
     Attributes:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bodyimage_kin._arrays import as_float_array
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 
@@ -23,7 +24,7 @@ _FINE = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class Path(Shown):
     """A path of the hand's centre.
 
     Attributes:

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.geometry import Box, Capsule, Collision, Cylinder, Sphere
@@ -23,7 +24,7 @@ Points = Float[np.ndarray, "count 3"]
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Shown):
     """One convex primitive, in its link.
 
     Attributes:
