@@ -15,11 +15,12 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.stats
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
 
@@ -50,6 +51,7 @@ values."""
 PUBLISHED = NEEDED["recordings"]
 FEWEST = 8
 """Units below which there is no interval: a bootstrap of three has nothing but their least and their largest."""
+_NAN = float("nan")
 _RESAMPLES = 9999
 _FLIPS = 99_999
 """More, for the least p that so many can give is multiplied by the number of comparisons."""
@@ -291,7 +293,7 @@ def spread(scores: Any, *, level: float | int = 0.95) -> Spread:
     values = _row(scores)
     values = values[~np.isnan(values)]
     if len(values) == 0:
-        return Spread(*[float("nan")] * 6, 0)
+        return Spread(_NAN, _NAN, _NAN, _NAN, _NAN, _NAN, 0)
     low, median, high = np.quantile(values, [0.1, 0.5, 0.9], method="nearest" if np.isinf(values).any() else "linear")
     lower, upper = _median_ends(values, level)
     return Spread(float(median), lower, upper, float(low), float(high), float((values > 1).mean()), units=len(values))
@@ -321,25 +323,32 @@ def ranked(scores: Mapping[str, Any], *, level: float | int = 0.95) -> dict[tupl
             log = np.nan_to_num(np.log(one[both]) - np.log(other[both]), nan=0.0, posinf=np.inf, neginf=-np.inf)
         wins, losses = int((log < 0).sum()), int((log > 0).sum())
         p = float(scipy.stats.binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
-        ends = np.exp([np.median(log) if len(log) else np.nan, *_median_ends(log, level)])
-        found[first, second] = Pair(*map(float, ends), wins, int(both.sum()), p, p)
+        ratio, lower, upper = np.exp([np.median(log) if len(log) else np.nan, *_median_ends(log, level)]).tolist()
+        found[first, second] = Pair(ratio, lower, upper, wins, int(both.sum()), p, p)
     adjusted = holm([pair.p for pair in found.values()])
     return {key: replace(pair, p_holm=float(p)) for (key, pair), p in zip(found.items(), adjusted, strict=True)}
 
 
 def correlation(
-    x: Any, y: Any, families: Sequence[str] | None = None, *, level: float | int = 0.95, seed: int = 0
+    x: Any,
+    y: Any,
+    families: Sequence[str] | None = None,
+    *,
+    level: float | int = 0.95,
+    resamples: int = 2000,
+    seed: int = 0,
 ) -> Interval:
     """Spearman's rank correlation over estimators, each family once.
 
-    Near copies of one estimator are one finding, so those of a family are averaged (their logarithms) before anything
-    is ranked, and families are what is resampled.
+    Near copies of one estimator are one finding, so the ranks of a family are averaged before families are ranked, and
+    families are what is resampled.
 
     Args:
-        x: A positive score, one an estimator, such as its median over recordings.
+        x: A score, one an estimator, such as its median over recordings; NaN where there is none.
         y: Another.
         families: Family of each estimator; None: each is one of its own.
         level: Of confidence.
+        resamples: Number of bootstrap samples.
         seed: Of the resampling.
 
     Returns:
@@ -352,19 +361,21 @@ def correlation(
     names = list(map(str, range(len(a)))) if families is None else list(families)
     if not len(a) == len(b) == len(names):
         raise InvalidArray(f"{len(a)} and {len(b)} scores of {len(names)} estimators; give one of each")
-    there = np.isfinite(a) & np.isfinite(b) & (a > 0) & (b > 0)
+    there = ~(np.isnan(a) | np.isnan(b))
     label = np.array(names)[there]
+    ranked_values = [scipy.stats.rankdata(values[there]) for values in (a, b)]
+    # Places of families among each other, equal ones alike.
     of = [
-        [float(np.log(values[there][label == family]).mean()) for family in dict.fromkeys(label)] for values in (a, b)
+        np.unique([values[label == family].mean() for family in dict.fromkeys(label)], return_inverse=True)[1]
+        for values in ranked_values
     ]
 
     def ranks(drawn: np.ndarray) -> float:
-        one, other = (np.array(values)[drawn] for values in of)
-        if len(drawn) < 3 or not (np.ptp(one) > 0 and np.ptp(other) > 0):
-            return float("nan")
-        return float(scipy.stats.spearmanr(one, other).statistic)
+        one, other = (_ranks(places[drawn]) for places in of)
+        size = math.sqrt((one @ one) * (other @ other)) if len(drawn) > 2 else 0.0
+        return float(one @ other) / size if size > 0 else _NAN
 
-    return resampled(ranks, len(of[0]), "families", level=level, seed=seed)
+    return resampled(ranks, len(of[0]), "families", level=level, resamples=resamples, seed=seed)
 
 
 def resampled(
@@ -430,12 +441,21 @@ def _median_ends(values: Float[np.ndarray, "units"], level: float) -> tuple[floa
         raise InvalidConfig(f"level={level!r}: give a level between 0 and 1")
     if len(values) < FEWEST:
         return float("nan"), float("nan")
-    # The median lies below the k-th value from either end when at most k - 1 of all values lie below the median.
-    k = int(scipy.stats.binom.ppf((1 - level) / 2, len(values), 0.5))
-    if 2 * scipy.stats.binom.cdf(k, len(values), 0.5) > 1 - level:
-        k -= 1
-    inside = np.sort(values)
-    return (float(inside[k]), float(inside[-1 - k])) if k >= 0 else (float("nan"), float("nan"))
+    k, inside = _left_out(len(values), float(level)), np.sort(values)
+    return (float(inside[k]), float(inside[-1 - k])) if k >= 0 else (_NAN, _NAN)
+
+
+def _ranks(places: Int[np.ndarray, "drawn"]) -> Float[np.ndarray, "drawn"]:
+    """Ranks about their mean; those of one place share one."""
+    occurs = np.bincount(places) if len(places) else np.zeros(0, dtype=np.int64)
+    return np.asarray((np.cumsum(occurs) - (occurs - 1) / 2)[places] - (len(places) + 1) / 2)
+
+
+@lru_cache(maxsize=256)
+def _left_out(count: int, level: float) -> int:
+    """How many values either end leaves out: the median lies beyond when no more of all values lie beyond it."""
+    k = int(scipy.stats.binom.ppf((1 - level) / 2, count, 0.5))
+    return k if 2 * scipy.stats.binom.cdf(k, count, 0.5) <= 1 - level else k - 1
 
 
 def _strata(scores: Scores) -> list[Float[np.ndarray, "recordings"]]:

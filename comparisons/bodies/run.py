@@ -63,6 +63,8 @@ LABELS = {
     "nominal": "the nominal body, nothing learned",
 }
 SCORE = "relative_error_use"
+DEEP = "_three_depths"
+"""Ends the name of a row that learned from circles at three distances."""
 
 
 def study(one: Individual, body: bk.Embodiment) -> bk.Study:
@@ -88,7 +90,7 @@ def rows_of(results: xr.Dataset) -> dict[str, dict[str, float]]:
     for recording in RECORDINGS:
         for name in ESTIMATORS if recording == "circle" else SEVERAL:
             at = results.squeeze(["embodiment", "seed"]).sel(recording=recording, estimator=name)
-            found[name if recording == "circle" else f"{name}, three depths"] = {
+            found[name if recording == "circle" else f"{name}{DEEP}"] = {
                 "on_face": _five(at[SCORE].sel(probe="on_face").item()),
                 "on_circle": _five(at[SCORE].sel(probe="on_circle").item()),
                 "on_face_identity": _five(at["relative_error"].sel(probe="on_face").item()),
@@ -111,7 +113,12 @@ def summarised(bodies: list[dict[str, Any]]) -> dict[str, Any]:
     }
     learners = [name for name in ranked if not name.startswith("null_")]
     pairs = statistics.ranked({name: errors[name] for name in learners})
+    people = [body["individual"] for body in bodies]
     return {
+        "infants": len(people),
+        "drawn": sum(one["tries"] for one in people),
+        "least_arm": _five(min(one["arm"] for one in people)),
+        "most_arm": _five(max(one["arm"] for one in people)),
         "rows": rows,
         "pairs": {
             f"{a} < {b}": {key: _five(value) for key, value in vars(pair).items()} for (a, b), pair in pairs.items()
@@ -127,8 +134,9 @@ def table(found: Mapping[str, Any]) -> str:
         "# Estimators over bodies",
         "",
         f"{len(found['bodies'])} infants, one recording each. Relative error on the face, in the felt motion's metric: "
-        "median over infants with its interval (95 %, bootstrap over infants), the tenth and the ninetieth percentile, "
-        "and the share of infants on which it is above 1, the error of a Jacobian of zeros.",
+        "median over infants with its interval (95 %, between two of the values), the tenth and the ninetieth "
+        "percentile, and the share of infants on which it is above 1, the error of a Jacobian of zeros. Infants on "
+        "which an estimator has no Jacobian at all are left out of its row.",
         "",
         markdown_table(
             ("estimator", "median", "95 %", "10 %", "90 %", "above 1", "median on what was seen", "infants"),
@@ -150,7 +158,7 @@ def table(found: Mapping[str, Any]) -> str:
         "## Neighbours in rank",
         "",
         "Each against the next: the median ratio of errors on the same infant, and on how many infants the first errs "
-        "less. Certain: by flips of sign over all pairs of rows, adjusted together (Holm), below 5 %.",
+        "less. Certain: by the sign test, adjusted over all pairs of rows together (Holm), below 5 %.",
         "",
         markdown_table(
             ("first", "second", "ratio", "95 %", "errs less on", "certain"),
@@ -168,8 +176,8 @@ def table(found: Mapping[str, Any]) -> str:
 
 def named(row: str) -> str:
     """What a reader calls a row."""
-    name, _, rest = row.partition(", ")
-    return LABELS.get(name, label(name)) + (f", {rest}" if rest else "")
+    name = row.removesuffix(DEEP)
+    return LABELS.get(name, label(name)) + (", three depths" if row.endswith(DEEP) else "")
 
 
 def main() -> None:
@@ -200,7 +208,8 @@ def main() -> None:
             found |= {"versions": json.loads(results.attrs["versions"])}
             print(f"infant {number}: {time.monotonic() - began:.0f} s", flush=True)
     found["summary"] = summarised(found["bodies"])
-    kept.write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in found.items())
+    kept.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8")
     (asked.publish / "table.md").write_text(table(found), encoding="utf-8")
 
 
