@@ -15,8 +15,10 @@ ARM = """
 <robot name="two">
   <link name="base"/>
   <link name="head"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <link name="upper"><collision><origin xyz="0.1 0 0"/><geometry><box size="0.16 0.02 0.02"/></geometry></collision></link>
-  <link name="lower"><collision><origin xyz="0.1 0 0"/><geometry><box size="0.16 0.02 0.02"/></geometry></collision></link>
+  <link name="upper"><collision><origin xyz="0.1 0 0"/><geometry><box size="0.16 0.02 0.02"/></geometry></collision>
+  </link>
+  <link name="lower"><collision><origin xyz="0.1 0 0"/><geometry><box size="0.16 0.02 0.02"/></geometry></collision>
+  </link>
   <joint name="neck" type="fixed"><parent link="base"/><child link="head"/><origin xyz="0 {y} 0.3"/></joint>
   <joint name="a" type="revolute"><parent link="base"/><child link="upper"/>
     <axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
@@ -90,14 +92,14 @@ def test_what_cannot_be_proposed_is_said(hand, settings, said):
 
 def test_a_robot_whose_hand_stays_in_a_plane_below_the_face_is_told_how_far_it_gets():
     robot = bk.Robot.from_urdf(ARM.format(y=0))
-    with pytest.raises(BodyImageKinError, match="gets no nearer than 3.. mm") as told:
+    with pytest.raises(BodyImageKinError, match=r"gets no nearer than 3.. mm") as told:
         propose(robot, "lower")
     assert any("eye: on link 'head'" in note for note in told.value.__notes__)
 
 
 def test_a_robot_without_eye_names_its_links():
     robot = bk.Robot.from_urdf(ARM.format(y=0).replace("head", "ball"))
-    with pytest.raises(BodyImageKinError, match="named after an eye.*base, ball, upper"):
+    with pytest.raises(BodyImageKinError, match=r"named after an eye.*base, ball, upper"):
         propose(robot, "lower")
 
 
