@@ -24,7 +24,7 @@ def things(body, circle, touch):
         "robot": body.robot,
         "body": body,
         "skin": body.skin,
-        "patch": body.skin.patch,
+        "patch": body.skin.layout,
         "learned": learned,
         "analytic": analytic,
         "network": network,

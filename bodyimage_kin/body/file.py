@@ -50,6 +50,9 @@ def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type |
         ManyMistakes: Several such things, all told at once.
         InvalidURDF: The robot it names cannot be trusted.
     """
+    given: object = name_or_path
+    if not isinstance(given, str | Path):
+        raise InvalidConfig(f"an embodiment is loaded by its name or from a path, not from {type(given).__name__}")
     path = Path(name_or_path)
     if path.suffix != ".toml":
         if str(name_or_path) not in embodiments():
@@ -98,7 +101,7 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     table.close()
     the_hand: Any = None if hand is None else _read_hand(hand)
     the_camera: Any = None if camera is None else read_camera(camera, path.parent)
-    the_skin = None if skin is None else read_skin(skin)
+    the_skin = None if skin is None else read_skin(skin, path.parent)
     robot: Any = None
     felt: Any = None
     posture: Any = None

@@ -130,7 +130,7 @@ def facing(body: Embodiment) -> tuple[float, float]:
     What looks up or down is taken to have its lower edge towards x.
     """
     if body.skin is not None:
-        forward = body.skin.root_T_link[:3, :3].numpy() @ body.skin.patch.forward
+        forward = body.skin.root_T_link[:3, :3].numpy() @ body.skin.forward
     else:
         forward = camera_pose(body, body.felt_home)[:3, 2]
     elevation = float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1))))

@@ -270,7 +270,9 @@ class Study(Shown):
             "config": self.table(),
             "urdf_sha256": {name: body.robot.sha256 if body else "" for name, body in bodies.items()},
             "embodiment_sha256": {name: body.sha256 if body else "" for name, body in bodies.items()},
-            "skin_shape": {name: list(body.skin.shape) if body and body.skin else [] for name, body in bodies.items()},
+            "skin_shape": {
+                name: list((body.skin.shape if body and body.skin else None) or ()) for name, body in bodies.items()
+            },
         }
 
     def _load(self, table: Table) -> Embodiment | None:

@@ -223,7 +223,7 @@ def test_the_hand_is_seen_in_the_cone_and_not_through_the_head(body, around, nea
     # A head that is one sphere: how deep the line of sight goes, by looking at many points of it.
     eye = torch.from_numpy(body.skin.link_positions[body.skin.eye])
     sight = eye + torch.linspace(0, 1, 501, dtype=torch.float64)[:, None] * (body.hand_in_skin(q) - eye)[:, None]
-    (head,) = body.skin.shapes
+    (head,) = body.skin.surface
     centre, radius = torch.from_numpy(head.link_T_shape[:3, 3].copy()), head.size[0]
     deepest = (radius - (sight - centre).norm(dim=-1)).amax(1)
     clear = ((deepest - 1e-5).abs() > 1e-4) | (deepest.abs() < 1e-12)
@@ -268,7 +268,7 @@ def test_every_taxel_is_reached_with_the_least_displacement(body, distance):
     assert (q >= body.felt_robot.lower).all()
     assert (q <= body.felt_robot.upper).all()
     target = body.skin.positions + body.hand.radius * body.skin.normals
-    forward = body.skin.root_T_link[:3, :3] @ torch.from_numpy(body.skin.patch.forward)
+    forward = body.skin.root_T_link[:3, :3] @ torch.from_numpy(body.skin.forward)
     target = target + distance * forward
     assert float((body.hand_position(q) - target).norm(dim=1).max()) < 1e-9
     assert least_displaced(body, q) < 1e-6
@@ -447,6 +447,17 @@ BAD_FILES = {
         InvalidConfig,
         r"size\[0\]=-0.06: give a number above 0",
     ),
+    "rows without end": (
+        [("shape = [21, 21]", f"shape = [{10**30}, 21]")],
+        InvalidConfig,
+        "rows=1000000000000000000000000000000: give a whole number of at least 1 and at most 1000000",
+    ),
+    "taxels without end": ([("shape = [21, 21]", "shape = [10000, 10000]")], InvalidConfig, "at most 1000000 taxels"),
+    "axis too long": (
+        [("right = [0.0, -1.0, 0.0]     # direction", "right = [0.0, 1e308, 1e308]  # direction")],
+        InvalidConfig,
+        "'right' is too long for a float64; give unit vectors",
+    ),
     "size beyond the face": ([("size = [0.06, 0.06]", "size = [0.6, 0.6]")], InvalidConfig, "make 'size' smaller"),
     "malformed": ([("[hand]", "[hand")], InvalidConfig, "is no valid TOML"),
     "no such robot": ([(str(URDF), "nowhere.urdf")], InvalidURDF, "cannot read .*nowhere.urdf"),
@@ -458,6 +469,13 @@ def test_a_bad_file_names_the_field_and_what_is_valid(tmp_path, bad):
     changes, error, message = BAD_FILES[bad]
     with pytest.raises(error, match=message):
         bk.load_embodiment(write(tmp_path, *changes))
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_is_neither_name_nor_path_is_refused():
+    for odd in (3, None, ["infant"]):
+        with pytest.raises(InvalidConfig, match=f"by its name or from a path, not from {type(odd).__name__}"):
+            bk.load_embodiment(odd)
 
 
 def test_an_unknown_embodiment_lists_the_known(tmp_path):

@@ -1,6 +1,7 @@
 """Laws of a study as a published comparison."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
+from bodyimage_kin.report._latex import latex
 from bodyimage_kin.study.results import MISSING
 
 ESTIMATORS = ["analytic", "least_squares", "rational_trig"]
@@ -37,15 +39,15 @@ def results():
     )  # fmt: skip
 
 
-def test_numbers_are_means_and_paired_ratios(results, tmp_path):
+def test_numbers_are_medians_and_paired_ratios(results, tmp_path):
     bk.report.publish(results, tmp_path, baseline="least_squares")
     numbers = json.loads((tmp_path / "results.json").read_text())
     row = numbers["scores"]["noisy"]["rational_trig"]
     errors = results["relative_error_use"].sel(recording="noisy", estimator="rational_trig", probe="on_face")
-    assert row["relative_error_use"]["on_face"]["mean"] == pytest.approx(float(errors.mean()), rel=1e-3)
+    assert row["relative_error_use"]["on_face"]["median"] == pytest.approx(float(errors.median()), rel=1e-3)
     assert row["relative_error_use"]["on_face"]["recordings"] == SEEDS
     assert row["ratio"]["ratio"] == pytest.approx(0.5)
-    assert row["attribution"]["on_face"]["variation"] == pytest.approx(0.6 * float((errors**2).mean()), rel=1e-3)
+    assert row["attribution"]["on_face"]["variation"] == pytest.approx(0.6 * float((errors**2).median()), rel=1e-3)
     # The truth has no ratio, and the baseline none to itself.
     assert "ratio" not in numbers["scores"]["noisy"]["analytic"]
     assert "ratio" not in numbers["scores"]["noisy"]["least_squares"]
@@ -57,8 +59,18 @@ def test_the_table_begins_with_the_smallest_error(results, tmp_path):
     assert [row.split(" | ")[0].strip("| ") for row in rows[:5]] == [
         "estimator", "---", "analytic Jacobian", "rational trigonometric", "least squares",
     ]  # fmt: skip
-    assert "0.500 [0.500, 0.500]" in rows[3]
+    assert "| 0.500 |" in rows[3]
+    # Six recordings have values and no interval.
+    assert not any("[" in row for row in rows)
     assert "numpy 1.2.3" in lines[-1]
+
+
+def test_thirty_recordings_have_intervals(results, tmp_path):
+    many = xr.concat([results.assign_coords(seed=results["seed"] + SEEDS * n) for n in range(5)], "seed")
+    rows = bk.report.publish(many, tmp_path, baseline="least_squares").read_text().splitlines()
+    (row, *_) = [line for line in rows if line.startswith("| rational")]
+    assert "0.500 [0.500, 0.500]" in row
+    assert row.count("[") == 2
 
 
 def test_scores_that_failed_leave_gaps(results, tmp_path):
@@ -66,7 +78,7 @@ def test_scores_that_failed_leave_gaps(results, tmp_path):
     results["failure"].loc[{"estimator": "rational_trig", "recording": "noisy"}] = "it broke"
     bk.report.publish(results, tmp_path, baseline="least_squares")
     numbers = json.loads((tmp_path / "results.json").read_text())
-    assert numbers["scores"]["noisy"]["rational_trig"]["relative_error_use"]["on_face"]["mean"] is None
+    assert numbers["scores"]["noisy"]["rational_trig"]["relative_error_use"]["on_face"]["median"] is None
     assert numbers["failures"][0]["failure"] == "it broke"
     assert (tmp_path / "errors.svg").stat().st_size > 5000
     assert "rational trigonometric" in (tmp_path / "errors.csv").read_text()
@@ -119,3 +131,36 @@ def test_names_of_ones_own_are_labelled_and_change_no_table(results, tmp_path):
     assert any(line.startswith(r"| a\|b &lt;script> |") for line in lines)
     assert r"### x \| y" in lines
     assert set(json.loads((tmp_path / "results.json").read_text())["scores"]) == {"x | y", "noisy"}
+
+
+def test_the_table_for_a_paper_says_the_same(results, tmp_path):
+    odd = results.assign_coords(
+        estimator=["analytic", r"50% & a_b $x$ \\ {", "mine"], recording=["noise_free", "noisy"]
+    )
+    lines = bk.report.publish(odd, tmp_path, labels={"mine": "my #1"}).read_text().splitlines()
+    tex = (tmp_path / "table.tex").read_text()
+    tables = re.findall(r"\\begin\{table\}.*?\\end\{table\}", tex, re.DOTALL)
+    assert len(tables) == 2
+    for table in tables:
+        assert [table.count(rule) for rule in (r"\toprule", r"\midrule", r"\bottomrule")] == [1, 1, 1]
+        # One cell a column in every row, whatever stands in a name.
+        rows = [row for row in table.splitlines() if row.endswith(r"\\")]
+        columns = len(re.search(r"\{tabular\}\{(\w+)\}", table)[1])
+        assert {len(re.findall(r"(?<!\\)&", row)) + 1 for row in rows} == {columns}
+        assert table.count("{") - table.count(r"\{") == table.count("}") - table.count(r"\}")
+    assert r"50\% \& a b \$x\$" in tex
+    assert r"my \#1" in tex
+    assert tex.count("0.500 [0.500, 0.500]") == sum(line.count("0.500 [0.500, 0.500]") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1.2e-05 [3e+12]", r"$1.2 \cdot 10^{-5}$ [$3 \cdot 10^{12}$]"),
+        ("< .001", "$<$ .001"),
+        ("a\\b~^", r"a\textbackslash{}b\textasciitilde{}\textasciicircum{}"),
+        ("e-mail 1e5x", "e-mail 1e5x"),
+    ],
+)
+def test_text_is_set_as_it_is(text, said):
+    assert latex(text) == said
