@@ -188,7 +188,8 @@ class Embodiment(SeeingBody):
         if robot.mesh_folder is not None:
             return {"mesh_folder": robot.mesh_folder.absolute().as_posix()}
         moved = urdf is not None and robot.file is not None and Path(urdf).name != robot.file.name
-        shapes = (one.shape for part in robot.geometry.values() for one in (*part.visuals, *part.collisions))
+        shapes = [one.shape for part in robot.geometry.values() for one in part.visuals]
+        shapes += [one.shape for part in robot.geometry.values() for one in part.collisions]
         if not moved or robot.file is None or not any(isinstance(shape, Mesh) for shape in shapes):
             return {}
         return {"mesh_folder": robot.file.absolute().parent.as_posix()}
