@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
+from bodyimage_kin.cli.status import show_failures
 from bodyimage_kin.recordings import experience, read_recording
 from bodyimage_kin.study import Study, failures, read_study
 from bodyimage_kin.study.results import MISSING, write_results
 from bodyimage_kin.study.specs import ESTIMATOR
 
-__all__ = ["FAILED", "fit_command", "report_command", "status_command", "study_command"]
-
-FAILED = 1
-"""Exit status of a run that is complete, but for cells that failed."""
+__all__ = ["fit_command", "report_command", "study_command"]
 
 
 def study_command(
@@ -32,35 +28,13 @@ def study_command(
         retry: Whether cells that failed are tried again.
 
     Returns:
-        0, or :data:`FAILED` when a cell failed.
+        0, or :data:`bodyimage_kin.cli.status.FAILED` when a cell failed.
 
     Raises:
         BodyImageKinError: As :meth:`Study.from_toml` and :meth:`Study.run`.
     """
     results = Study.from_toml(path).run(out, scheduler, workers=workers, retry=retry, progress=True)
     return _written(results, out)
-
-
-def status_command(out: Path) -> int:
-    """``bodyimage-kin study --status DIR``: how many recordings of each cell are done, failed and missing.
-
-    Returns:
-        0, or :data:`FAILED` when a cell failed.
-
-    Raises:
-        InvalidConfig: A folder without a study.
-    """
-    results = read_study(out)
-    said = results["failure"].transpose("embodiment", "recording", "estimator", "seed")
-    total = said.sizes["seed"]
-    for place in np.ndindex(said.shape[:3]):
-        one = said[place]
-        missing = int((one == MISSING).sum())
-        failed = int((one != "").sum()) - missing
-        name = "/".join(str(one[dim].item()) for dim in said.dims[:3])
-        print(f"{name}: {total - missing - failed} of {total} done", end="")
-        print(f", {failed} failed" * bool(failed) + f", {missing} to do" * bool(missing))
-    return _show_failures(results)
 
 
 def report_command(
@@ -80,7 +54,7 @@ def report_command(
         into: Folder for both files, where the store is read-only; None: the store.
 
     Returns:
-        0, or :data:`FAILED` when a cell failed.
+        0, or :data:`bodyimage_kin.cli.status.FAILED` when a cell failed.
 
     Raises:
         InvalidConfig: A folder without a study.
@@ -129,9 +103,8 @@ def _written(results: xr.Dataset, out: Path, baseline: str | None = None, atlas:
 
 
 def _show_failures(results: xr.Dataset) -> int:
-    found = [one for one in failures(results) if one["failure"] != MISSING]
-    for one in found:
-        seeds = ", ".join(map(str, one["seeds"]))
-        place = f"{one['embodiment']}/{one['recording']}/{one['estimator']}"
-        print(f"{place}, seeds {seeds}: {one['failure']}", file=sys.stderr)
-    return FAILED if found else 0
+    return show_failures(
+        (f"{one['embodiment']}/{one['recording']}/{one['estimator']}", one["seeds"], one["failure"])
+        for one in failures(results)
+        if one["failure"] != MISSING
+    )

@@ -258,7 +258,7 @@ def end_with_children(command, by, tmp_path):
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1])
     try:
         deadline = time.monotonic() + 90
-        while not (tmp_path / "out/facts/infant/still/block0.part").exists():
+        while not (tmp_path / "out/recordings/infant/still/block0.parts").exists():
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.2)
