@@ -56,7 +56,11 @@ class Block:
         return hash((self.store, self.place, self.number))
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Block) and (self.store, self.identity()) == (other.store, other.identity())
+        return (
+            self is other
+            or isinstance(other, Block)
+            and (self.store, self.identity()) == (other.store, other.identity())
+        )
 
     @property
     def places(self) -> range:

@@ -360,6 +360,7 @@ def _context(
     )
 
 
+@lru_cache(maxsize=2)
 def _simulation(block: Block) -> Simulation:
     """How the recordings came about; what was given stands as the hash of it."""
     folder, parts = Path(block.folder), dict(block.simulation)

@@ -14,7 +14,6 @@ from __future__ import annotations
 import abc
 import contextlib
 import functools
-import inspect
 import io
 import os
 import queue
@@ -185,11 +184,12 @@ class InProcess(Ours):
         future: Future[Any] = Future()
         with _Printed() as printed:
             try:
-                if call.limit is not None or call.prepare or not inspect.isgeneratorfunction(call.work):
+                if call.limit is not None or call.prepare:
                     future.set_result(here(call, printed.into))
                 else:
-                    # Directly, where nothing is to be given up: fewer functions to read through.
-                    for said in call.work(*call.arguments):
+                    # As `run` does, which a reader then need not pass.
+                    said = call.work(*call.arguments)
+                    for said in said if isinstance(said, Generator) else ():  # noqa: B020
                         printed.into(said)
                     future.set_result(said)
             except Exception as problem:

@@ -16,6 +16,7 @@ writes nothing.
 from __future__ import annotations
 
 import errno
+import functools
 import hashlib
 import json
 import math
@@ -155,8 +156,9 @@ class Store:
                 for name, data in body_files(thing).items():
                     self._write(folder / name, data)
 
+    @functools.lru_cache(maxsize=4)  # noqa: B019 (a handful of recordings, for every block that names them)
     def given_recording(self, sha256: str) -> xr.Dataset:
-        """A recording that the study was handed.
+        """A recording that the study was handed; to be copied before anything in it is changed.
 
         Raises:
             InvalidRecording: It is not there.
