@@ -56,11 +56,9 @@ class Block:
         return hash((self.store, self.place, self.number))
 
     def __eq__(self, other: object) -> bool:
-        return (
-            self is other
-            or isinstance(other, Block)
-            and (self.store, self.identity()) == (other.store, other.identity())
-        )
+        if self is other or not isinstance(other, Block):
+            return self is other
+        return (self.store, self.identity()) == (other.store, other.identity())
 
     @property
     def places(self) -> range:

@@ -1,8 +1,8 @@
 """What a study costs beside its compute: ``OMP_NUM_THREADS=1 python comparisons/speed/studies.py``.
 
 Works off studies of 10 to 10,000 cells that learn nothing and score nothing, from a recording that is there already, so
-that all their time is the engine's; each in a process of its own. Writes ``studies.md`` and ``studies.json`` beside this
-file.
+that all their time is the engine's; each in a process of its own. Writes ``studies.md`` and ``studies.json`` beside
+this file.
 """
 
 from __future__ import annotations
