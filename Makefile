@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 # One math thread a process: results are the same to the bit, and processes do the rest.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: reproduce test test-all bench lint format docs clean
+.PHONY: reproduce test test-all bench lint format docs dist clean
 
 reproduce: $(READY)  ## the main job: reproduce the paper into $(OUT)
 	$(BIN)/bodyimage-kin reproduce --out $(OUT)
@@ -30,12 +30,15 @@ lint: $(READY)  ## style and types
 docs: $(READY)  ## the documentation into docs/_build/html, warnings as errors
 	$(BIN)/sphinx-build -E -W --keep-going -n -q docs docs/_build/html
 
+dist: $(READY)  ## wheel and sdist into dist/, and the wheel tried in fresh environments of every Python found
+	$(BIN)/python .ci/dist
+
 format: $(READY)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf .venv reproduction .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv dist reproduction .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(READY): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bodyimage_kin import report as report
     from bodyimage_kin import study as study
     from bodyimage_kin import testing as testing
+    from bodyimage_kin import view as view
     from bodyimage_kin.backends import Kinematics as Kinematics
     from bodyimage_kin.backends import RobotKinematics as RobotKinematics
     from bodyimage_kin.backends import backends as backends
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.body import Camera as Camera
     from bodyimage_kin.body import Hand as Hand
     from bodyimage_kin.body import Pinhole as Pinhole
+    from bodyimage_kin.body import Skin as Skin
     from bodyimage_kin.body import Stereo as Stereo
     from bodyimage_kin.body import Tracker as Tracker
     from bodyimage_kin.body import VirtualScreen as VirtualScreen
@@ -36,7 +38,9 @@ if TYPE_CHECKING:
     from bodyimage_kin.body.file import embodiments as embodiments
     from bodyimage_kin.body.file import load_embodiment as load_embodiment
     from bodyimage_kin.body_image import BodyImage as BodyImage
+    from bodyimage_kin.body_image import BodyImageDraws as BodyImageDraws
     from bodyimage_kin.body_image import integrate as integrate
+    from bodyimage_kin.body_image import integrate_draws as integrate_draws
     from bodyimage_kin.calibration import calibrate as calibrate
     from bodyimage_kin.calibration import next_postures as next_postures
     from bodyimage_kin.errors import BodyImageKinError as BodyImageKinError
@@ -58,6 +62,7 @@ if TYPE_CHECKING:
 # Public name -> the module that it is, or module:name. ``backends`` is a module that can be called: it lists them.
 _PUBLIC = {
     "BodyImage": "body_image:BodyImage",
+    "BodyImageDraws": "body_image:BodyImageDraws",
     "BodyImageKinError": "errors:BodyImageKinError",
     "Camera": "body:Camera",
     "Drag": "recordings:Drag",
@@ -68,6 +73,7 @@ _PUBLIC = {
     "Pinhole": "body:Pinhole",
     "Robot": "robot:Robot",
     "RobotKinematics": "backends:RobotKinematics",
+    "Skin": "body:Skin",
     "Stereo": "body:Stereo",
     "Study": "study:Study",
     "Tracker": "body:Tracker",
@@ -82,6 +88,7 @@ _PUBLIC = {
     "experience": "recordings:experience",
     "figures": "figures",
     "integrate": "body_image:integrate",
+    "integrate_draws": "body_image:integrate_draws",
     "kinematics": "backends:kinematics",
     "load_embodiment": "body.file:load_embodiment",
     "load_learned": "estimators:load_learned",
@@ -99,6 +106,7 @@ _PUBLIC = {
     "simulate": "recordings.simulation:simulate",
     "study": "study",
     "testing": "testing",
+    "view": "view",
     "write_recording": "recordings:write_recording",
 }
 

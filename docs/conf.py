@@ -31,7 +31,7 @@ exclude_patterns = ["_build", "examples"]
 html_theme = "furo"
 html_title = "bodyimage_kin"
 html_static_path = ["_static"]
-html_css_files = ["tables.css", "gallery.css"]
+html_css_files = ["tables.css", "gallery.css", "landing.css"]
 html_copy_source = False
 pygments_style, pygments_dark_style = "friendly", "native"
 
@@ -159,8 +159,18 @@ def _tidy(
     return signature, returned
 
 
+def _scene(app: Sphinx, problem: Exception | None) -> None:
+    """Writes the scene that the page of the viewer shows."""
+    if problem is not None or app.builder.name != "html":
+        return
+    bk = importlib.import_module("bodyimage_kin")
+    scene = bk.view.open_scene("infant")
+    bk.view.export(scene, Path(app.outdir) / "_static" / "scene.html", "touch", "least_squares")
+
+
 def setup(app: Sphinx) -> None:
     """Registers what is above."""
+    app.connect("build-finished", _scene)
     app.add_html_math_renderer("mathml", inline_renderers=_math(False), block_renderers=_math(True))
     event = "autodoc-process-docstring"
     for listener in list(app.events.listeners[event]):

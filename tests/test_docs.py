@@ -38,6 +38,30 @@ assert chosen.q.shape == (10, body.p)
 """
 
 
+UNCERTAIN = """
+assert maps.covariance.shape == (21, 21, 2, 2)
+assert scores["error"] > 0
+"""
+
+
+EXTENDED = """
+assert scores.relative_error.sel(probe="training").item() < 1.0
+assert other.camera.model.unit == "px"
+"""
+
+
+RECORDED = """
+assert set(recording.joint.values.tolist()) == {"shoulder", "elbow", "wrist"}
+assert max(errors) < 1.0
+"""
+
+
+VIEWED = """
+assert moment.hand.shape == (3,)
+assert scene.samples("touch") == touch.sizes["time"]
+"""
+
+
 FIGURES = """
 assert table["value"].notna().sum() == body.skin.count
 assert {path.suffix for path in __import__("pathlib").Path("figures").iterdir()} == {".svg", ".png", ".csv"}
@@ -51,13 +75,26 @@ assert {"training", "joint_space"} <= set(scores.probe.values.tolist())
 """
 
 
+SKINS = """
+assert skin.shape == (21, 21) and not skin.notes
+assert np.allclose(np.linalg.norm(ball.link_positions - [0.0, 0.0, 0.06], axis=1), 0.075)
+assert patches.pieces == 1 and patches.link_normals[:, 0].min() > 0
+assert (touch["touched"] >= 0).mean() > 0.7
+"""
+
+
 @pytest.mark.parametrize(
     ("page", "promises"),
     [
         pytest.param(ROOT / "README.md", PROMISES, id="README.md"),
         pytest.param(DOCS / "quickstart.md", PROMISES, id="quickstart.md"),
         pytest.param(DOCS / "calibration.md", CALIBRATED, id="calibration.md"),
+        pytest.param(DOCS / "uncertainty.md", UNCERTAIN, id="uncertainty.md"),
         pytest.param(DOCS / "your_own_robot.md", OWN_ROBOT, id="your_own_robot.md"),
+        pytest.param(DOCS / "skins.md", SKINS, id="skins.md"),
+        pytest.param(DOCS / "extend.md", EXTENDED, id="extend.md"),
+        pytest.param(DOCS / "your_own_recording.md", RECORDED, id="your_own_recording.md"),
+        pytest.param(DOCS / "view.md", VIEWED, id="view.md"),
         pytest.param(DOCS / "api" / "figures.md", FIGURES, id="figures.md"),
     ],
 )
@@ -65,7 +102,7 @@ def test_examples_run_one_after_the_other(page, promises, tmp_path):
     # The pages' "robot.urdf" is any robot of the reader's.
     shutil.copy(ROOT / "urdf" / "infant.urdf", tmp_path / "robot.urdf")
     blocks = python_blocks(page)
-    assert len(blocks) > 1
+    assert blocks
     lines = []
     for line, code in blocks:
         # At the lines of the page, so that a failure points there.

@@ -13,8 +13,10 @@ import torch
 from bodyimage_kin.body.cameras import Camera, Stereo, Tracker, VirtualScreen
 from bodyimage_kin.body.hand import Hand
 from bodyimage_kin.body.pinhole import Pinhole
-from bodyimage_kin.body.skin import Skin
+from bodyimage_kin.body.skin import Patch, Skin
 from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin.robot.geometry import Collision
+from bodyimage_kin.robot.triangles import Triangles
 
 if TYPE_CHECKING:
     from bodyimage_kin.body.embodiment import Embodiment
@@ -48,7 +50,7 @@ def describe(body: Embodiment, strict: bool = True) -> dict[str, Any]:
         "camera": _camera(body.camera, strict),
     }
     if body.skin is not None:
-        tables["skin"] = _skin(body.skin)
+        tables["skin"] = _skin(body.skin, strict)
     return tables
 
 
@@ -91,18 +93,57 @@ def _plain(field: str, value: object, strict: bool) -> Any:
     return f"{type(value).__module__}:{type(value).__qualname__}"
 
 
-def _skin(skin: Skin) -> dict[str, Any]:
-    patch, rows = skin.patch, skin.shape[1]
-    places = {name: list(divmod(taxel, rows)) for name, taxel in skin.landmarks.items()}
+def _skin(skin: Skin, strict: bool) -> dict[str, Any]:
+    meshes = {} if skin.mesh_folder is None or not strict else {"mesh_folder": skin.mesh_folder.as_posix()}
+    laid = _points(skin) if skin.layout is None else _grid(skin, skin.layout)
+    # What a mesh's file holds is no part of the robot's source.
+    on_mesh = any(isinstance(shape, Triangles) for shape in skin.surface or ())
+    places = {"places": skin.link_positions.round(6).tolist()} if on_mesh and not strict else {}
+    return {"link": skin.link, **laid, **meshes, **places}
+
+
+def _grid(skin: Skin, patch: Patch) -> dict[str, Any]:
+    columns = patch.shape[1]
+    cells = np.arange(skin.count) if skin.cells is None else skin.cells
+
+    def place(taxel: int) -> list[int]:
+        return list(divmod(int(cells[taxel]), columns))
+
     by_taxel = {taxel: name for name, taxel in reversed(list(skin.landmarks.items()))}
+    landmarks = {name: place(taxel) for name, taxel in skin.landmarks.items()}
+    own = np.array_equal(skin.forward, patch.forward) and np.array_equal(skin.right, patch.right)
+    touch = {} if own else {"touch_forward": skin.forward.tolist(), "touch_right": skin.right.tolist()}
     return {
-        "link": skin.link,
-        "shape": list(skin.shape),
+        "shape": list(patch.shape),
         "size": list(patch.size),
         "centre": patch.centre.tolist(),
         "forward": patch.forward.tolist(),
         "right": patch.right.tolist(),
-        "reference": by_taxel.get(skin.reference, list(divmod(skin.reference, rows))),
-        **({} if skin.eye is None else {"eye": by_taxel.get(skin.eye, list(divmod(skin.eye, rows)))}),
-        **({"landmarks": places} if places else {}),
+        "reference": by_taxel.get(skin.reference, place(skin.reference)),
+        **({} if skin.eye is None else {"eye": by_taxel.get(skin.eye, place(skin.eye))}),
+        **touch,
+        **({} if np.array_equal(skin.link_T_skin, np.eye(4)) else {"link_T_skin": skin.link_T_skin.tolist()}),
+        **({} if skin.stated is None else {"on": _stated(skin.stated)}),
+        **({"landmarks": landmarks} if landmarks else {}),
     }
+
+
+def _points(skin: Skin) -> dict[str, Any]:
+    by_taxel = {taxel: name for name, taxel in reversed(list(skin.landmarks.items()))}
+    numbers = {"ids": skin.ids, "units": skin.units}
+    return {
+        "positions": skin.link_positions.tolist(),
+        "normals": skin.link_normals.tolist(),
+        "neighbours": skin.neighbours.tolist(),
+        "forward": skin.forward.tolist(),
+        "right": skin.right.tolist(),
+        "reference": by_taxel.get(skin.reference, skin.reference),
+        **({} if skin.eye is None else {"eye": by_taxel.get(skin.eye, skin.eye)}),
+        **{name: values.tolist() for name, values in numbers.items() if values is not None},
+        **({"landmarks": dict(skin.landmarks)} if skin.landmarks else {}),
+    }
+
+
+def _stated(stated: Collision) -> dict[str, Any]:
+    kind = type(stated.shape).__name__.lower()
+    return {"kind": kind, **dataclasses.asdict(stated.shape), "xyz": list(stated.xyz), "rpy": list(stated.rpy)}

@@ -215,7 +215,7 @@ class SeeingBody:
                 eye = self._in_link(q, self._camera(q)[0], self.skin.link).reshape(-1, 3).to(torch.float64).numpy()
             else:
                 eye = np.broadcast_to(self.skin.link_positions[self.skin.eye], in_skin.shape)
-        hidden = torch.from_numpy(shapes.blocked(self.skin.shapes, eye, in_skin))
+        hidden = torch.from_numpy(shapes.blocked(self.skin.surface or (), eye, in_skin))
         return in_view & ~hidden.reshape(in_view.shape)
 
     def hand_in_skin(self, q: ArrayLike, hand_offset: ArrayLike | None = None) -> Float[Tensor, "*batch 3"]:

@@ -8,7 +8,6 @@ taxel.
 from __future__ import annotations
 
 import hashlib
-import html
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -24,6 +23,7 @@ from torch import Tensor
 
 from bodyimage_kin._arrays import ArrayLike, as_float_tensor, as_postures
 from bodyimage_kin._checks import number, text
+from bodyimage_kin._shown import table
 from bodyimage_kin.backends import Kinematics, backends, kinematics
 from bodyimage_kin.body import reach
 from bodyimage_kin.body._build import Mistakes, check_parts, put_together
@@ -93,7 +93,7 @@ class Embodiment(SeeingBody):
             joints: The joints it feels; their order is that of every posture, Jacobian and recording.
             hand: On a link of the robot.
             camera: On a link: the root of a camera that stands in the world, a link of the arm for an eye in hand.
-            skin: On a link, laid while the robot was at any home; None: none.
+            skin: On a link, such as ``bk.Skin.grid(...)`` or ``bk.Skin.points(...)``; None: none.
             home: Rest posture, by name [rad or m] or as (n,); joints not named are at 0, or at the limit next to it.
             name: The embodiment's name; None: the robot's.
             backend: As in :func:`bodyimage_kin.kinematics`.
@@ -113,7 +113,7 @@ class Embodiment(SeeingBody):
         mistakes.tell()
         built = put_together(robot, felt, list(links.values()), posture, backend)
         body = cls(called, robot, felt, hand, camera, None, posture, built)
-        return body if skin is None else replace(body, skin=skin.at(built.pose(body.felt_home, skin.link)))
+        return body if skin is None else replace(body, skin=skin.borne_by(robot, built.pose(body.felt_home, skin.link)))
 
     def __repr__(self) -> str:
         skin = "no skin" if self.skin is None else f"{self.skin.count} taxels on '{self.skin.link}'"
@@ -135,8 +135,7 @@ class Embodiment(SeeingBody):
             "skin": skin,
             "sha256": self.sha256[:12],
         }
-        cells = "".join(f"<tr><th>{key}</th><td>{html.escape(value)}</td></tr>" for key, value in rows.items())
-        return f"<p><b>{html.escape(self.name)}</b></p><table>{cells}</table>"
+        return table(self.name, "an embodiment", rows)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Embodiment):
@@ -212,18 +211,16 @@ class Embodiment(SeeingBody):
         camera's axis.
 
         Args:
-            distance: In front of touching, along the patch's forward direction; or the depth in front of the camera,
+            distance: In front of touching, along the skin's forward direction; or the depth in front of the camera,
                 which must then be above 0 [m].
 
         Raises:
             InvalidConfig: No number, or no depth.
         """
         if self.skin is not None:
-            middle = (self.skin.shape[0] // 2) * self.skin.shape[1] + self.skin.shape[1] // 2
-            patch = self.skin.patch
-            return Frame(
-                self.touch_centres([middle], distance)[0].numpy(), patch.right, patch.down, np.asarray(patch.forward)
-            )
+            skin = self.skin
+            centre = self.touch_centres([skin.middle], distance)[0].numpy()
+            return Frame(centre, skin.right, skin.down, np.asarray(skin.forward))
         depth = number(
             f"embodiment '{self.name}' has no skin, so that a circle stands in front of its camera; distance",
             distance,
@@ -248,14 +245,14 @@ class Embodiment(SeeingBody):
                 "taxel", int(indices[(indices < 0) | (indices >= skin.count)][0]), [f"0 to {skin.count - 1}"]
             )
         surface, normals = skin.link_positions[indices], skin.link_normals[indices]
-        return torch.from_numpy(surface + self.hand.radius * normals + distance * skin.patch.forward)
+        return torch.from_numpy(surface + self.hand.radius * normals + distance * skin.forward)
 
     def touch_postures(self, taxels: ArrayLike, distance: float = 0.0) -> Float[Tensor, "count p"]:
         """Postures in which the hand touches taxels, displaced least from home, within the joint limits.
 
         Args:
             taxels: Taxel numbers.
-            distance: How far in front of touching, along the patch's forward direction [m].
+            distance: How far in front of touching, along the skin's forward direction [m].
 
         Raises:
             NoSkin: The body has none.

@@ -98,7 +98,7 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     table.close()
     the_hand: Any = None if hand is None else _read_hand(hand)
     the_camera: Any = None if camera is None else read_camera(camera, path.parent)
-    the_skin = None if skin is None else read_skin(skin)
+    the_skin = None if skin is None else read_skin(skin, path.parent)
     robot: Any = None
     felt: Any = None
     posture: Any = None

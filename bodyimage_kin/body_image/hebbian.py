@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body_image._checks import choice, grid_shape, number, whole
 from bodyimage_kin.body_image._touches import image_bounds, silent, touches
 from bodyimage_kin.body_image.kernel import KERNELS, kernel_matrix
@@ -17,7 +18,7 @@ __all__ = ["HebbianMap", "hebbian_map"]
 
 
 @dataclass(frozen=True, eq=False)
-class HebbianMap:
+class HebbianMap(Shown):
     """Connections from taxels to visual cells.
 
     Attributes:

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin._compiled import in_threads
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body_image._checks import choice, float_array, grid_shape, number, whole
 from bodyimage_kin.body_image._learning import learn
 from bodyimage_kin.body_image._touches import image_bounds, images_known, silent, touches
@@ -33,7 +34,7 @@ _GAMMA_POSTURE = 40.0 * (8 / 21) ** 2
 
 
 @dataclass(frozen=True, eq=False)
-class BodyImage:
+class BodyImage(Shown):
     """What a robot learned of its own body by touching it.
 
     Attributes:

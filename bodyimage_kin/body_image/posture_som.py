@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body_image._checks import float_array, grid_shape, whole
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
 
@@ -17,7 +18,7 @@ _UPDATES_PER_UNIT = 100
 
 
 @dataclass(frozen=True, eq=False)
-class PostureSOM:
+class PostureSOM(Shown):
     """A grid of representative postures (equation 4).
 
     Attributes:

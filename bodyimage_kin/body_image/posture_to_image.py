@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body_image._checks import number, postures, variable, whole
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
 
@@ -16,7 +17,7 @@ __all__ = ["PostureToImage"]
 
 
 @dataclass(frozen=True, eq=False)
-class PostureToImage:
+class PostureToImage(Shown):
     """A ridge regression from posture to hand image, on products of joint values (F of equation 7).
 
     It has seen nothing of the postures at which the hand is hidden: there it extrapolates, as the paper's F must.

@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 import torch
 from jaxtyping import Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
+from bodyimage_kin._shown import Shown, table
 from bodyimage_kin.body import Camera, Embodiment
 from bodyimage_kin.calibration.observability import observability_indices, unobservable
 from bodyimage_kin.calibration.prior import Prior
 from bodyimage_kin.calibration.problem import Problem
+from bodyimage_kin.calibration.urdf import urdf_of
 from bodyimage_kin.estimators.map_fit import Fit
 from bodyimage_kin.estimators.parametric import Group, Parameter
 from bodyimage_kin.robot import Robot
@@ -28,7 +31,7 @@ _MOVES = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOut(Shown):
     """Errors of observations that a fit did not see.
 
     Attributes:
@@ -94,6 +97,16 @@ class Calibrated:
     def robot(self) -> Robot:
         """Its robot: every joint that was fitted has its full 6D origin, which any reader of URDF understands."""
         return self.body.robot
+
+    def to_urdf(self) -> str:
+        """The file that the robot was read from, its joints where they were found: visuals and all else stay."""
+        return urdf_of(self.problem.body.robot, self.robot)
+
+    @property
+    def skin_moved(self) -> bool:
+        """Whether the skin was found elsewhere on its link."""
+        groups = np.array([one.group == "skin" for one in self.parameters])
+        return bool(self.fit.theta[groups].any())
 
     @property
     def free(self) -> int:
@@ -162,6 +175,24 @@ class Calibrated:
         found[:, free] += normal @ root.T
         return found
 
+    def to_csv(self) -> str:
+        """A row for each measure that may be off: its name, group and unit, what was found, and how sure it is.
+
+        ``prior`` is its standard deviation beforehand, ``inf`` where nothing was known; what was held has ``doubt`` 0.
+        """
+        frame = pd.DataFrame(
+            {
+                "measure": [one.name for one in self.parameters],
+                "group": [one.group for one in self.parameters],
+                "unit": [one.unit for one in self.parameters],
+                "change": self.fit.theta,
+                "doubt": np.sqrt(np.diagonal(self.covariance)),
+                "prior": self.fit.sd,
+                "fitted": self.fit.free,
+            }
+        )
+        return str(frame.to_csv(index=False, lineterminator="\n"))
+
     @cached_property
     def unobservable(self) -> tuple[str, ...]:
         """Measures that the evidence does not tell, in words, the least told first."""
@@ -178,9 +209,23 @@ class Calibrated:
         return self.fit.chi2
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """What each kind of evidence is called, one recording after the other: ``images``, ``touches 2`` ..."""
+        names = [term.name for term in self.problem.terms]
+        return tuple(
+            name if names.count(name) == 1 else f"{name} {names[: index + 1].count(name)}"
+            for index, name in enumerate(names)
+        )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each kind of evidence."""
+        return tuple(_unit(term) for term in self.problem.terms)
+
+    @property
     def residuals(self) -> dict[str, Float[np.ndarray, "rows m"]]:
         """What the fit leaves of each kind of evidence [its unit]."""
-        return {_label(self.problem, index): one for index, one in enumerate(self.fit.residuals)}
+        return dict(zip(self.labels, self.fit.residuals, strict=True))
 
     def residuals_by_region(self, joint: str, parts: int = 4) -> dict[str, Float[np.ndarray, "parts"]]:
         """Median residual of each kind in parts of a joint's range, of as many samples each.
@@ -191,12 +236,10 @@ class Calibrated:
         """
         column = self.problem.body.joints.index(joint)
         found = {}
-        for index, (term, left) in enumerate(zip(self.problem.terms, self.fit.residuals, strict=True)):
+        for label, term, left in zip(self.labels, self.problem.terms, self.fit.residuals, strict=True):
             order = np.argsort(term.q[:, column], kind="stable")  # type: ignore[attr-defined]
             size = np.linalg.norm(left, axis=1)
-            found[_label(self.problem, index)] = np.array(
-                [np.median(size[part]) for part in np.array_split(order, parts) if len(part)]
-            )
+            found[label] = np.array([np.median(size[part]) for part in np.array_split(order, parts) if len(part)])
         return found
 
     @cached_property
@@ -219,9 +262,9 @@ class Calibrated:
         """One sentence for a person: is this body worth more than the one it was thought to be, and how sure is it?"""
         count = sum(len(one) for one in self.held_out.errors)
         errors = "; ".join(
-            f"{_label(self.problem, index)}: {_size(new, _unit(term))} held out, {_size(old, _unit(term))} before"
-            for index, (term, new, old) in enumerate(
-                zip(self.problem.terms, self.held_out.medians, self.nominal.medians, strict=True)
+            f"{label}: {_size(new, unit)} held out, {_size(old, unit)} before"
+            for label, unit, new, old in zip(
+                self.labels, self.units, self.held_out.medians, self.nominal.medians, strict=True
             )
         )
         if not self.explains:
@@ -241,15 +284,19 @@ class Calibrated:
     def __repr__(self) -> str:
         return f"Calibrated({self.problem.body.name!r}, {self.free} measures; {self.verdict})"
 
+    def _repr_html_(self) -> str:
+        """The same for notebooks, and what cannot be known."""
+        rows = {
+            "body": self.problem.body.name,
+            "measures": str(self.free),
+            "known from the prior alone": "; ".join(self.unobservable) or "none",
+            "hardly moved": ", ".join(self.still) or "none",
+        }
+        return table("Calibrated", self.verdict, rows)
+
 
 def _moved(pose: Float[np.ndarray, "4 4"] | None, point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
     return point if pose is None else pose[:3, :3] @ point + pose[:3, 3]
-
-
-def _label(problem: Problem, index: int) -> str:
-    names = [term.name for term in problem.terms]
-    name = names[index]
-    return name if names.count(name) == 1 else f"{name} {names[: index + 1].count(name)}"
 
 
 def _unit(term: object) -> str:

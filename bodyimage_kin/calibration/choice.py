@@ -14,12 +14,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 import torch
 import xarray as xr
 from jaxtyping import Float, Int
 
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array
+from bodyimage_kin._shown import table
 from bodyimage_kin.body import Embodiment, VirtualScreen
 from bodyimage_kin.calibration.calibrated import Calibrated
 from bodyimage_kin.calibration.fitting import calibrate
@@ -40,6 +42,8 @@ _SCREEN_NOISE = 2e-4
 """Of images on a virtual screen [m], where nothing is said."""
 _DRAWN = 200
 """Postures that are drawn at most for each candidate wanted, before the hand is said to be hardly ever seen."""
+_SHOWN = 20
+"""Postures that a notebook shows at most."""
 _STEP = 1e-5
 """Of the central differences in the measures [rad or m] that give how a Jacobian changes with them."""
 
@@ -63,6 +67,24 @@ class NextPostures:
     def __repr__(self) -> str:
         begin, end = self.predicted_error[0], self.predicted_error[-1]
         return f"NextPostures({len(self.q)} postures, predicted error {begin:.3g} -> {end:.3g})"
+
+    def to_csv(self) -> str:
+        """A row a posture, as :func:`bodyimage_kin.read_recording` reads it once images were added.
+
+        ``q.JOINT`` [rad or m] and the error that is expected after it.
+        """
+        columns = {f"q.{name}": self.q[:, index] for index, name in enumerate(self.joints)}
+        frame = pd.DataFrame({**columns, "expected_error": self.predicted_error[1:]})
+        return str(frame.to_csv(index_label="number", lineterminator="\n"))
+
+    def _repr_html_(self) -> str:
+        """The postures for notebooks, and the error that is predicted after each."""
+        rows = {
+            f"{index}": f"{', '.join(f'{value:.3f}' for value in q)}; predicted error {error:.3g}"
+            for index, (q, error) in enumerate(zip(self.q[:_SHOWN], self.predicted_error[1:], strict=False), start=1)
+        }
+        head = f"{', '.join(self.joints)}; predicted error before {self.predicted_error[0]:.3g}"
+        return table("NextPostures", head, rows)
 
     def to_dataset(self) -> xr.Dataset:
         """Postures and predicted errors, labelled."""

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body import Camera, Embodiment
 from bodyimage_kin.body.clusters import touched_place
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
@@ -27,7 +28,7 @@ KINDS = ("images", "points", "touches", "plane")
 
 
 @dataclass(frozen=True, eq=False)
-class Observed:
+class Observed(Shown):
     """An experience, and what is meant by what was observed in it.
 
     Attributes:
@@ -76,7 +77,7 @@ class _Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Shown):
     """A body with parameters, and all evidence of them.
 
     Attributes:

@@ -5,243 +5,150 @@ Nothing heavy is imported before a command runs, so that ``--help`` answers at o
 
 from __future__ import annotations
 
+import inspect
+import os
 import signal
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+import traceback
+import warnings
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Union
 
 import tyro
 
-from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
+from bodyimage_kin import __version__
+from bodyimage_kin.cli.arguments import Command
+from bodyimage_kin.cli.calibrate import Calibrate
+from bodyimage_kin.cli.checks import Conform, Embodiment
+from bodyimage_kin.cli.doctor import Doctor
+from bodyimage_kin.cli.next import Next
+from bodyimage_kin.cli.recordings import Fit, Import, Simulate
+from bodyimage_kin.cli.score import Score
+from bodyimage_kin.cli.studies import Report, Reproduce, Study
+from bodyimage_kin.cli.viewing import View
+from bodyimage_kin.errors import BodyImageKinError, DataWarning
 
 __all__ = ["main"]
 
-
-@dataclass(frozen=True)
-class Reproduce:
-    """Reproduce the paper: learn Jacobians on the visible circle, map the unseen face, and hold both against the truth.
-
-    Writes recordings, summary.json, figures (SVG and PNG) and report.html.
-    """
-
-    out: Path
-    """Folder for the results: new, empty, or of an earlier reproduction."""
-    seeds: int | None = None
-    """Number of recordings of each motion; by default 10, or 3 when quick."""
-    embodiment: str = "infant"
-    """Name of an embodiment, or path of a TOML file."""
-    quick: bool = False
-    """A tenth of the touching time, for a first look."""
-    scheduler: str | None = None
-    """Address of a Dask scheduler, tcp://..., instead of a pool of processes."""
-    workers: int | None = None
-    """Number of processes; by default one a core."""
-
-    def __call__(self) -> int:
-        """Runs it; what an interrupted run has computed is not computed again."""
-        from bodyimage_kin._files import claim
-        from bodyimage_kin.published import fuke2007
-        from bodyimage_kin.report.fuke2007 import write_reproduction
-
-        begin = time.monotonic()
-        seeds = self.seeds if self.seeds is not None else (3 if self.quick else 10)
-        study = fuke2007.grid(self.embodiment, seeds, quick=self.quick)
-        # A wrong embodiment, or one unfit for the protocol, is told before any folder is touched.
-        study.origin()
-        fuke2007.check(self.embodiment)
-        folder = claim(self.out, "reproduction", {"embodiment": self.embodiment, "seeds": seeds, "quick": self.quick})
-        store = folder / "study"
-        results = study.run(store, self.scheduler, workers=self.workers, progress=True)
-        summary = fuke2007.judge(results)
-        page = write_reproduction(results, summary, store, folder, quick=self.quick)
-        fuke2007.write_summary(summary, folder / "summary.json")
-        print(f"{page} after {time.monotonic() - begin:.0f} s")
-        return 0
-
-
-@dataclass(frozen=True)
-class Conform:
-    """Hold kinematics libraries against an analytic oracle, law by law, on random robots or given ones.
-
-    Exit status 0 only if every file, library and law named was asked and passed; every failure is reduced to the
-    smallest robot that shows it.
-    """
-
-    target: Annotated[str | None, tyro.conf.Positional] = None
-    """A URDF, a folder of them, or an installed package that has some; nothing: random robots."""
-    backend: tuple[str, ...] = ()
-    """Names of backends, or package.module:Class, installed or in the current folder; nothing: all of ours."""
-    law: tuple[str, ...] = ()
-    """Names of laws; nothing: all that a library offers and a robot knows."""
-    examples: int = 100
-    """Cases for each library and law."""
-    tolerance: float = 0.0
-    """Relative error of a library whose values are not exact: 1e-5 for float32, 1e-7 for Jacobians by differences."""
-    out: Path | None = None
-    """Folder for report.html, report.json and the smallest failing robots."""
-
-    def __call__(self) -> int:
-        """Runs it."""
-        from bodyimage_kin.testing.conform import conform
-
-        report = conform(
-            self.target,
-            list(self.backend) or None,
-            self.examples,
-            self.out,
-            laws=self.law or None,
-            tolerance=self.tolerance,
-            tell=lambda verdict: print(".", end="", flush=True, file=sys.stderr),
-        )
-        print(file=sys.stderr)
-        print(report)
-        return report.exit_status
-
-
-@dataclass(frozen=True)
-class Study:
-    """Work off a study of learned Jacobians; what is there already is not computed again.
-
-    Exit status 1 when a cell failed; the others are kept.
-    """
-
-    file: Annotated[Path | None, tyro.conf.Positional] = None
-    """The study as TOML."""
-    out: Path | None = None
-    """Folder for its cells and its page."""
-    status: Path | None = None
-    """Only say how far the study in this folder is."""
-    scheduler: str | None = None
-    """Address of a Dask scheduler, tcp://..., instead of a pool of processes."""
-    workers: int | None = None
-    """Number of processes; by default one a core."""
-    retry: bool = False
-    """Try cells again that failed before."""
-
-    def __call__(self) -> int:
-        """Runs it."""
-        if self.status is not None:
-            from bodyimage_kin.cli.status import status_command
-
-            return status_command(self.status)
-        if self.file is None or self.out is None:
-            raise InvalidConfig("give a study file and --out DIR, or --status DIR")
-        from bodyimage_kin.cli import study as commands
-
-        return commands.study_command(
-            self.file, self.out, workers=self.workers, scheduler=self.scheduler, retry=self.retry
-        )
-
-
-@dataclass(frozen=True)
-class Report:
-    """Write the page of a study that has been worked off."""
-
-    folder: Annotated[Path, tyro.conf.Positional]
-    """The study's folder."""
-    baseline: str | None = None
-    """Estimator that the others are compared with."""
-    atlas: str | None = None
-    """Estimator whose error is drawn taxel by taxel."""
-    publish: Path | None = None
-    """Folder for results.json, table.md and a figure, small enough to be kept."""
-    into: Path | None = None
-    """Folder for results.nc and report.html; by default the study's."""
-
-    def __call__(self) -> int:
-        """Runs it."""
-        from bodyimage_kin.cli import study as commands
-
-        return commands.report_command(self.folder, self.baseline, self.atlas, self.publish, self.into)
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Learn a Jacobian from a recording and save it."""
-
-    estimator: Annotated[str, tyro.conf.Positional]
-    """Name of an estimator, or package.module:Class."""
-    recording: Annotated[Path, tyro.conf.Positional]
-    """The recording, NetCDF."""
-    out: Path
-    """Folder for the learned Jacobian."""
-    embodiment: str | None = None
-    """For estimators that know the body."""
-    seed: int = 0
-    """Of whatever is drawn at random."""
-
-    def __call__(self) -> int:
-        """Runs it."""
-        from bodyimage_kin.cli import study as commands
-
-        return commands.fit_command(
-            self.estimator, self.recording, self.out, embodiment=self.embodiment, seed=self.seed
-        )
-
-
-@dataclass(frozen=True)
-class Embodiment:
-    """Say in seconds what cannot work with an embodiment, before anything is computed.
-
-    Exit status 1 when there is an error; notes are no errors.
-    """
-
-    action: Annotated[Literal["check"], tyro.conf.Positional]
-    """check: its file, what its eye sees, what its hand reaches, which meshes are missing."""
-    file: Annotated[str, tyro.conf.Positional]
-    """Name of an embodiment, or path of a TOML file."""
-    paper: bool = False
-    """Hold it to the paper's protocol: the whole circle is seen, and never the hand while it touches."""
-    mesh_folder: Path | None = None
-    """Where meshes may lie, subfolders included; by default beside the URDF."""
-
-    def __call__(self) -> int:
-        """Runs it."""
-        from bodyimage_kin.body.check import check_embodiment
-        from bodyimage_kin.body.file import load_embodiment
-
-        body = load_embodiment(self.file)
-        found = check_embodiment(body, paper=self.paper, mesh_folder=self.mesh_folder)
-        print(body)
-        for finding in found:
-            print(finding)
-        if not found:
-            print("nothing to tell: fit for all")
-        return int(any(finding.level == "error" for finding in found))
-
-
-_COMMANDS: dict[str, Callable[..., Any]] = {
+_COMMANDS: Mapping[str, type[Command]] = {
     "reproduce": Reproduce,
     "study": Study,
     "report": Report,
+    "simulate": Simulate,
+    "import": Import,
     "fit": Fit,
-    "conform": Conform,
+    "score": Score,
+    "calibrate": Calibrate,
+    "next": Next,
     "embodiment": Embodiment,
+    "view": View,
+    "conform": Conform,
+    "doctor": Doctor,
 }
+_USER, _OURS, _PIPE = 2, 70, 141
+_ABOUT = """\
+Learned kinematics held against the analytic truth.
+
+  bodyimage-kin COMMAND --help       its arguments, with examples
+  bodyimage-kin COMMAND ... --debug  an error with its traceback
+  bodyimage-kin --version            which one this is
+
+Exit status: 0 all well; 1 done, but something that was asked failed (a cell, a law, a check); 2 a mistake in what was
+given, told in one line; 70 an error of ours; 130, 143, 129 ended by Ctrl-C or a signal."""
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; a user's error is one line on standard error and exit status 2."""
-    command = tyro.extras.subcommand_cli_from_dict(
-        _COMMANDS,
-        prog="bodyimage-kin",
-        description="Learned kinematics held against the analytic truth.",
-        args=arguments,
-    )
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in given
+    given = [argument for argument in given if argument != "--debug"]
+    if given[:1] == ["--version"]:
+        print(f"bodyimage-kin {__version__}")
+        return 0
+    command = _parsed(given)
     try:
-        with _ended_by(signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
-            return int(command())
-    except BodyImageKinError as problem:
-        print(f"bodyimage-kin: {problem}", file=sys.stderr)
-        return 2
+        with _ended_by(signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)), _plain_warnings():
+            status = int(command())
+            sys.stdout.flush()
+            return status
+    except BrokenPipeError:
+        # Whoever reads has seen enough (| head); what is left to flush has nowhere to go.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _PIPE
     except KeyboardInterrupt as end:
         print("bodyimage-kin: interrupted; what is finished is kept", file=sys.stderr)
         return 128 + (end.number if isinstance(end, _Ended) else signal.SIGINT)
+    except Exception as problem:
+        if debug:
+            traceback.print_exc()
+        return _told(problem)
+
+
+def _told(problem: Exception) -> int:
+    """One line of an error, and its exit status."""
+    if isinstance(problem, BodyImageKinError):
+        print(f"bodyimage-kin: {problem}", file=sys.stderr)
+        return _USER
+    said = " ".join(str(problem).split())
+    if isinstance(problem, OSError):
+        print(f"bodyimage-kin: {said}", file=sys.stderr)
+        return _USER
+    print(
+        f"bodyimage-kin: an error of ours, {type(problem).__name__}: {said}; the same command with --debug shows where",
+        file=sys.stderr,
+    )
+    return _OURS
+
+
+# Help ----------------------------------------------------------------------------------------------------------------
+
+
+def _parsed(given: list[str]) -> Command:
+    """The command that the arguments mean; help and mistakes in them end the process."""
+    config = (tyro.conf.FlagCreatePairsOff,)
+    if given and given[0] in _COMMANDS:
+        kind: Any = _COMMANDS[given[0]]
+        name = f"bodyimage-kin {given[0]}"
+        return tyro.cli(kind, prog=name, description=_described(kind), args=given[1:], config=config)
+    # Help, completion in a shell, and names that are none.
+    kinds = tuple(
+        Annotated[kind, tyro.conf.subcommand(name, description=_lines(kind)[0])] for name, kind in _COMMANDS.items()
+    )
+    every: Any = Union[kinds]  # noqa: UP007
+    return tyro.cli(every, prog="bodyimage-kin", description=_ABOUT, args=given, config=config)
+
+
+def _described(kind: type[Command]) -> str:
+    """What a command does, with examples."""
+    paragraphs = "\n".join(_lines(kind)).split("\n\n")
+    said = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    return f"{said}\n\nExamples:\n" + "\n".join(f"  {example}" for example in kind.EXAMPLES)
+
+
+def _lines(kind: type[Command]) -> list[str]:
+    return (inspect.getdoc(kind) or "").splitlines()
+
+
+# Around a command ----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Shows what data cannot carry as a line of its own, and not where in the code it was noticed."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", DataWarning)
+        shown = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+            if issubclass(category, DataWarning):
+                print(f"bodyimage-kin: note: {message}", file=sys.stderr)
+            else:
+                shown(message, category, *place, **more)
+
+        warnings.showwarning = show
+        yield
 
 
 class _Ended(KeyboardInterrupt):

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from bodyimage_kin.cli.arguments import print_json
 from bodyimage_kin.study.kept import rows_of
 
 __all__ = ["FAILED", "show_failures", "status_command"]
@@ -14,8 +15,12 @@ FAILED = 1
 """Exit status of a run that is complete, but for cells that failed."""
 
 
-def status_command(out: Path) -> int:
+def status_command(out: Path, *, json: bool = False) -> int:
     """``bodyimage-kin study --status DIR``: how many recordings of each cell are done, failed and missing.
+
+    Args:
+        out: The store.
+        json: As a JSON document, for a machine.
 
     Returns:
         0, or :data:`FAILED` when a cell failed.
@@ -23,13 +28,22 @@ def status_command(out: Path) -> int:
     Raises:
         InvalidConfig: A folder without a study.
     """
-    found = []
+    found, rows = [], list[dict[str, str | int]]()
+    seeds = 0
     for row in rows_of(out):
-        name = f"{row.embodiment}/{row.recording}/{row.estimator}"
-        failed = sum(map(len, row.failures.values()))
-        print(f"{name}: {row.total - row.missing - failed} of {row.total} done", end="")
-        print(f", {failed} failed" * bool(failed) + f", {row.missing} to do" * bool(row.missing))
-        found += [(name, seeds, failure) for failure, seeds in row.failures.items()]
+        seeds, failed = row.total, sum(map(len, row.failures.values()))
+        names: dict[str, str | int] = {
+            "embodiment": row.embodiment,
+            "recording": row.recording,
+            "estimator": row.estimator,
+        }
+        rows.append({**names, "done": seeds - row.missing - failed, "failed": failed, "to_do": row.missing})
+        found += [("/".join(map(str, names.values())), ones, failure) for failure, ones in row.failures.items()]
+    if json:
+        print_json({"seeds": seeds, "rows": rows})
+    for one in () if json else rows:
+        print(f"{one['embodiment']}/{one['recording']}/{one['estimator']}: {one['done']} of {seeds} done", end="")
+        print(f", {one['failed']} failed" * bool(one["failed"]) + f", {one['to_do']} to do" * bool(one["to_do"]))
     return show_failures(found)
 
 

@@ -23,6 +23,7 @@ from torch import Tensor
 
 from bodyimage_kin import _checks
 from bodyimage_kin._files import atomic_path, write_text
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, UnknownName
 
 _FORMAT = {"format": "bodyimage_kin learned Jacobian", "version": 2}
@@ -33,7 +34,7 @@ _DTYPES = (torch.float64, torch.int64, torch.bool)
 _HINTS: dict[type, Mapping[str, Any]] = {}
 
 
-class Kept:
+class Kept(Shown):
     """A frozen dataclass that can be kept in a folder, found again by its ``kind``.
 
     Subclasses say in ``__post_init__`` what their fields must fulfil beyond their shapes.

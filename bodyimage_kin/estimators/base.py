@@ -114,6 +114,9 @@ class LearnedJacobian(_kept.Kept, abc.ABC):
         """Number of coordinates of a hand image."""
         return self._size("m")
 
+    def _glance(self) -> str:
+        return f"{super()._glance()} {self.p} joints -> {self.m} coordinates [{self.unit or '?'}]"
+
     def displacement(self, q: ArrayLike, dq: ArrayLike) -> Float[Tensor, "*batch m"]:
         """Predicted displacement of the hand image, in :attr:`unit`.
 

@@ -15,6 +15,8 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Bool, Float
 
+from bodyimage_kin._shown import Shown
+
 __all__ = ["Fit", "Term", "maximum_a_posteriori"]
 
 CAUCHY = 3.0
@@ -60,7 +62,7 @@ class Term(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Shown):
     """Where the posterior has its mode, and how wide it is there.
 
     Attributes:

@@ -13,14 +13,6 @@ _MOST = 4000
 """Taxels of one piece that are laid flat; distances between all pairs are kept in memory."""
 
 
-def grid_edges(rows: int, columns: int) -> Int[np.ndarray, "edges 2"]:
-    """Each taxel of a grid with the one to its right, and with the one below."""
-    taxels = np.arange(rows * columns).reshape(rows, columns)
-    aside = np.stack([taxels[:, :-1], taxels[:, 1:]], -1).reshape(-1, 2)
-    below = np.stack([taxels[:-1], taxels[1:]], -1).reshape(-1, 2)
-    return np.concatenate([aside, below])
-
-
 def around(
     taxel: int, shape: tuple[int, ...], edges: Int[np.ndarray, "edges 2"], what: str = "the taxel"
 ) -> Int[np.ndarray, "taxels"]:

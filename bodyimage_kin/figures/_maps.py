@@ -10,8 +10,9 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
+from bodyimage_kin.body.graph import grid_edges
 from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.figures._chart import around, grid_edges
+from bodyimage_kin.figures._chart import around
 from bodyimage_kin.figures._images import Plane, shaped
 from bodyimage_kin.figures._layout import SINGLE_COLUMN, drawing_on
 from bodyimage_kin.figures._marks import TRUTH, UNLISTED, dots, graph, reference

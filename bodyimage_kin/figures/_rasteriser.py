@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 
 from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.figures._views import View, Window, project, window_of
-from bodyimage_kin.figures._visuals import Surface
+from bodyimage_kin.figures.visuals import Surface
 
 PIXELS = 720
 """Pixels along the longer side of a drawing: 200 to the inch over a column."""

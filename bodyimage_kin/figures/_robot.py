@@ -30,8 +30,8 @@ from bodyimage_kin.figures._views import (
     skin_places,
     window_of,
 )
-from bodyimage_kin.figures._visuals import Surface, link_poses
 from bodyimage_kin.figures.labels import drawn
+from bodyimage_kin.figures.visuals import Surface, link_poses
 
 PATH: dict[str, Any] = {"color": "#882255", "linewidth": 1.3}
 """Of a hand in space."""

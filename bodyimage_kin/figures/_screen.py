@@ -18,6 +18,7 @@ from bodyimage_kin.figures._layout import SINGLE_COLUMN, drawing_on
 from bodyimage_kin.figures._views import camera_pose
 from bodyimage_kin.figures.labels import drawn, label
 from bodyimage_kin.robot.shapes import cast
+from bodyimage_kin.robot.triangles import Triangles
 
 _MM = 1000.0
 _LINES, _COARSE = 401, 8001
@@ -122,23 +123,26 @@ def _section(axes: Axes, body: Embodiment, q: torch.Tensor, axis: int, aside: fl
         return (starts - origin) @ rotation, np.broadcast_to([0.0, 0.0, -ahead], starts.shape) @ rotation
 
     everywhere = np.linspace(-1.05 * aside, 1.05 * aside, _COARSE)
-    met = everywhere[np.isfinite(cast(skin.shapes, *crossings(everywhere, 1.0))[0]).all(1)]
+    met = everywhere[np.isfinite(cast(skin.surface or (), *crossings(everywhere, 1.0))[0]).all(1)]
     if len(met) == 0:
         return
     # Lines lie close where the outline turns away from them.
     across = (met[0] + met[-1]) / 2 - (met[-1] - met[0]) / 2 * np.cos(np.linspace(0, np.pi, _LINES))
-    for shape in skin.shapes:
+    for shape in skin.surface or ():
+        if isinstance(shape, Triangles):
+            continue
         enter, leave = shape.crossing(*crossings(across, 1.0))
         front, back = (np.where(enter <= leave, (1.0 - t) * _MM, np.nan) for t in (enter, leave))
         axes.fill_betweenx(across, back, front, color=_SKIN, linewidth=0, zorder=1)
     front, back = (
-        (cast(skin.shapes, *crossings(across, ahead))[0] @ rotation.T + origin)[:, 2] * _MM for ahead in (1.0, -1.0)
+        (cast(skin.surface or (), *crossings(across, ahead))[0] @ rotation.T + origin)[:, 2] * _MM
+        for ahead in (1.0, -1.0)
     )
     outline: dict[str, Any] = {"color": "black", "linewidth": 0.9, "zorder": 2}
     axes.plot(front, across, **outline, label=f"{drawn(skin.link)}, section")
     axes.plot([front[0], *back, front[-1]], [across[0], *across, across[-1]], **outline)
     taxels = (skin.link_positions @ rotation.T + origin) * _MM
-    spacing = max(np.divide(skin.patch.size, np.maximum(np.subtract(skin.shape, 1), 1))) * _MM
+    spacing = (max(skin.layout.steps) if skin.layout is not None else skin.spacing) * _MM
     near = taxels[np.abs(taxels[:, 1 - axis]) <= 0.5 * spacing]
     look: dict[str, Any] = {"marker": "o", "color": "black", "markersize": 1.8, "linestyle": ""}
     axes.plot(near[:, 2], near[:, axis], **look, zorder=4, label="taxels near the section")

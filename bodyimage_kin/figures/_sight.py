@@ -30,8 +30,8 @@ from bodyimage_kin.figures._views import (
     project,
     window_of,
 )
-from bodyimage_kin.figures._visuals import Surface
 from bodyimage_kin.figures.labels import drawn
+from bodyimage_kin.figures.visuals import Surface
 
 _MM = 1000.0
 _IMAGE: dict[str, Any] = {"color": "#2f9bd8", "linewidth": 1.4}

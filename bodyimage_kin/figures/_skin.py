@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.skin import Skin
-from bodyimage_kin.errors import InvalidArray
-from bodyimage_kin.figures._chart import around, flatten, grid_edges
+from bodyimage_kin.errors import InvalidArray, InvalidConfig
+from bodyimage_kin.figures._chart import around, flatten
 from bodyimage_kin.figures._images import shaped
 from bodyimage_kin.figures._layout import SINGLE_COLUMN, drawing_on
 from bodyimage_kin.figures._marks import UNLISTED, bare, dots, graph, halo, scale_bar
@@ -37,6 +37,8 @@ def face(
 ) -> Axes:
     """One value a taxel over a skin that is a grid, as the eye sees it: columns to the right, rows down.
 
+    Holes of a grid stay blank. A skin that is no grid is drawn by :func:`skin`.
+
     Args:
         body: The embodiment.
         values: (taxels,) or (rows, columns); NaN stays blank.
@@ -51,12 +53,18 @@ def face(
     Raises:
         NoSkin: The body has no skin.
         InvalidArray: Values that are not one a taxel.
+        InvalidConfig: A skin that is no grid.
     """
     skin = body.require_skin()
+    if skin.layout is None:
+        raise InvalidConfig(f"the skin of embodiment '{body.name}' is no grid; draw it with figures.skin(body, values)")
+    shape, cells = skin.layout.shape, np.arange(skin.count) if skin.cells is None else skin.cells
+    shown = np.full(shape[0] * shape[1], np.nan)
+    shown[cells] = _one_a_taxel(values, skin)
     with drawing_on(ax, height=SINGLE_COLUMN + 0.3) as axes:
-        grid(_one_a_taxel(values, skin).reshape(skin.shape), axes, label=label, limits=limits)
+        grid(shown.reshape(shape), axes, label=label, limits=limits)
         for name, taxel in skin.landmarks.items() if landmarks else ():
-            row, column = divmod(taxel, skin.shape[1])
+            row, column = divmod(int(cells[taxel]), shape[1])
             axes.plot(column, row, **landmark_look(name), label=drawn(name))
         return axes
 
@@ -164,7 +172,7 @@ def _laid_flat(axes: Axes, body: Embodiment) -> Float[np.ndarray, "taxels 2"]:
     """Draws the graph of neighbours in the plane; where the taxels are in it [mm]."""
     skin = body.require_skin()
     right, up, _ = View(np.zeros(3), *facing(body)).axes()
-    edges = edges_of(skin)
+    edges = skin.neighbours
     places = 1000 * flatten(skin.positions.numpy(), edges, np.stack([right, up]))
     graph(axes, places, edges, color="0.75", linewidth=0.6, zorder=1)
     axes.set(xlabel="along the skin [mm]", ylabel="along the skin [mm]", aspect="equal")
@@ -174,7 +182,9 @@ def _laid_flat(axes: Axes, body: Embodiment) -> Float[np.ndarray, "taxels 2"]:
 
 
 def _marked(axes: Axes, skin: Skin, places: np.ndarray, covered: np.ndarray) -> None:
-    marked = {name: around(taxel, skin.shape, edges_of(skin)) for name, taxel in skin.landmarks.items()}
+    marked = {
+        name: around(taxel, skin.shape or (skin.count,), skin.neighbours) for name, taxel in skin.landmarks.items()
+    }
     plain = np.setdiff1d(np.arange(len(places)), np.concatenate([np.empty(0, int), *marked.values()]))
     dots(axes, places[plain[~covered[plain]]], size=1.6, color="0.1", zorder=2)
     axes.plot([], [], linestyle="", marker=".", color="0.1", markersize=3, label=f"taxels, {_size(skin)}")
@@ -202,15 +212,11 @@ def _coloured(
     axes.figure.colorbar(painted, ax=axes, location="bottom", shrink=0.85, pad=0.03, label=label)
 
 
-def edges_of(skin: Skin) -> np.ndarray:
-    """Pairs of neighbouring taxels (edges, 2)."""
-    return grid_edges(*skin.shape)
-
-
 def _one_a_taxel(values: ArrayLike, skin: Skin) -> Float[np.ndarray, "taxels"]:
     array = as_float_array(values, "values")
-    if array.shape not in ((skin.count,), tuple(skin.shape)):
-        raise InvalidArray(f"values have shape {array.shape}; give one a taxel, ({skin.count},) or {tuple(skin.shape)}")
+    shapes = ((skin.count,),) if skin.shape is None else ((skin.count,), skin.shape)
+    if array.shape not in shapes:
+        raise InvalidArray(f"values have shape {array.shape}; give one a taxel, {' or '.join(map(str, shapes))}")
     return array.ravel()
 
 
@@ -220,5 +226,7 @@ def _limits(values: np.ndarray) -> tuple[float, float]:
 
 
 def _size(skin: Skin) -> str:
+    if skin.shape is None:
+        return str(skin.count)
     rows, columns = skin.shape
     return f"{rows} \N{MULTIPLICATION SIGN} {columns}"

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.figures._visuals import Surface, triangles
+from bodyimage_kin.figures.visuals import Surface, triangles
 
 Window: TypeAlias = tuple[float, float, float, float]
 """Left, right, bottom, top on the picture plane [m]."""
@@ -130,7 +130,7 @@ def facing(body: Embodiment) -> tuple[float, float]:
     What looks up or down is taken to have its lower edge towards x.
     """
     if body.skin is not None:
-        forward = body.skin.root_T_link[:3, :3].numpy() @ body.skin.patch.forward
+        forward = body.skin.root_T_link[:3, :3].numpy() @ body.skin.forward
     else:
         forward = camera_pose(body, body.felt_home)[:3, 2]
     elevation = float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1))))

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._whitening import Metric, metric_root, power_of_two
 from bodyimage_kin.metrics.excitation import Excitation
@@ -16,7 +17,7 @@ __all__ = ["Attribution", "attribute"]
 
 
 @dataclass(frozen=True)
-class Attribution:
+class Attribution(Shown):
     """The squared pooled relative error as a sum of four orthogonal parts, each nonnegative and over |J|^2.
 
     A scale is what a monocular learner cannot know on a plane it never saw. It is not all that the first part holds: an

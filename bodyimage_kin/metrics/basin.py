@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array
 from bodyimage_kin._checks import number, refuse, whole
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._fields import Field, answer
 
@@ -27,7 +28,7 @@ _LEAST_DAMPING = 1e-6  # its square is still well above rounding
 
 
 @dataclass(frozen=True, eq=False)
-class Basin:
+class Basin(Shown):
     """Which trials of a visual servo converge: one a goal, distance and direction.
 
     Attributes:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin._checks import choice, number
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
 from bodyimage_kin.estimators import edges
 from bodyimage_kin.metrics._whitening import Metric, metric_root, square_root
@@ -29,7 +30,7 @@ Of: TypeAlias = Literal["felt", "true"] | str
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation:
+class Excitation(Shown):
     """How much a training motion excites each direction of the motion a Jacobian is used for.
 
     The solution of ``G_train v = mu G_use v`` with mean Grams, mu being the ratio of mean squared motion along v.

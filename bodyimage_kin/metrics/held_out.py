@@ -15,23 +15,36 @@ import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin._checks import whole
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidRecording
-from bodyimage_kin.estimators import Pairs, fold_of_each, pairs
+from bodyimage_kin.estimators import Pairs, edges, fold_of_each, pairs
 
-__all__ = ["HeldOut", "hold_out", "hold_out_folds", "image_regions"]
+RUNS = 20
+"""Stretches that are resampled at least: of five folds no interval could be told."""
+
+__all__ = ["HeldOut", "all_hidden", "hold_out", "hold_out_folds", "image_regions"]
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOut(Shown):
     """An experience with one region or fold hidden.
 
     Attributes:
         seen: The experience, its hand image NaN there.
         hidden: The steps within, or the edges of a scattered recording.
+        q: (postures, p) felt postures within [rad or m].
+        image: (postures, m) hand images seen in them [unit].
+        run: (postures,) number of the stretch of the recording that each belongs to: its blocks, or parts of them,
+            about twenty in all. Resample these, for neighbours are nearly copies of each other.
+        run_of_pair: (pairs,) that of each pair's first end.
     """
 
     seen: xr.Dataset
     hidden: Pairs
+    q: Float[np.ndarray, "postures p"]
+    image: Float[np.ndarray, "postures m"]
+    run: Int[np.ndarray, "postures"]
+    run_of_pair: Int[np.ndarray, "pairs"]
 
 
 def hold_out(exp: xr.Dataset, regions: int) -> list[HeldOut]:
@@ -69,6 +82,21 @@ def hold_out_folds(exp: xr.Dataset, folds: int = 5) -> list[HeldOut]:
     return _hidden_in_turn(exp, fold, int(fold.max()) + 1, "fold")
 
 
+def all_hidden(exp: xr.Dataset) -> HeldOut:
+    """All of an experience hidden, nothing seen: to judge what was learned from another.
+
+    Args:
+        exp: An experience.
+
+    Raises:
+        InvalidRecording: No pair of postures in it.
+    """
+    part = np.isfinite(exp["q"].values).all(-1)
+    if "hand_image" in exp:
+        part &= np.isfinite(exp["hand_image"].values).all(-1)
+    return _hidden(exp, _only(exp, ~part), part, _runs(exp, np.where(part, 0, -1)))
+
+
 def image_regions(image: Float[np.ndarray, "count m"], regions: int) -> Int[np.ndarray, "count"]:
     """Divides hand images into regions of equal numbers: a k-d tree (Bentley 1975), cut where the numbers demand.
 
@@ -93,17 +121,46 @@ def image_regions(image: Float[np.ndarray, "count m"], regions: int) -> Int[np.n
 
 
 def _hidden_in_turn(exp: xr.Dataset, part: Int[np.ndarray, "trial time"], parts: int, what: str) -> list[HeldOut]:
+    runs = _runs(exp, part)
     found = []
     for hidden in range(parts):
         try:
-            one = HeldOut(_only(exp, part != hidden), pairs(_only(exp, part == hidden)))
-            pairs(one.seen)
+            seen = _only(exp, part != hidden)
+            one = _hidden(exp, seen, part == hidden, runs)
+            pairs(seen)
         except InvalidRecording as problem:
             raise InvalidRecording(f"{what} {hidden} of {parts} cannot be held out: {problem}") from None
         if not one.hidden.dr.any():
             raise InvalidRecording(f"{what} {hidden} of {parts} cannot be held out: the hand image rests in it")
         found.append(one)
     return found
+
+
+def _hidden(
+    exp: xr.Dataset, seen: xr.Dataset, part: Bool[np.ndarray, "trial time"], runs: Int[np.ndarray, "trial time"]
+) -> HeldOut:
+    # Pairs know the blocks of their ends: for this once, blocks are the stretches.
+    inside = pairs(_only(exp, part).assign(block=xr.DataArray(runs, dims=("trial", "time"))))
+    block = None if inside.blocks is None else inside.blocks[:, 0]
+    if (data := inside.postures) is not None and data.block is not None:
+        block = data.block[edges(data.q, repeat=data.repeat, noise=data.noise)[:, 0]]
+    assert block is not None
+    image = exp["hand_image"].values[part].astype(np.float64)
+    q = exp["q"].values[part].astype(np.float64)
+    return HeldOut(seen, pairs(_only(exp, part)), q, image, runs[part], np.unique(runs)[block.numpy()])
+
+
+def _runs(exp: xr.Dataset, part: Int[np.ndarray, "trial time"]) -> Int[np.ndarray, "trial time"]:
+    """Stretches of the recording: its blocks, each cut into as many contiguous parts as make twenty of all."""
+    block = np.asarray(exp["block"].values) if "block" in exp else part
+    run = np.full(part.shape, -1)
+    numbers = np.unique(block[part >= 0])
+    pieces = -(-RUNS // max(len(numbers), 1))
+    for index, number in enumerate(numbers):
+        here = (block == number) & (part >= 0)
+        count = int(here.sum())
+        run[here] = index * pieces + np.arange(count) * min(pieces, count) // max(count, 1)
+    return run
 
 
 def _only(exp: xr.Dataset, kept: Bool[np.ndarray, "trial time"]) -> xr.Dataset:

@@ -17,6 +17,7 @@ import torch
 from jaxtyping import Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body.cameras import CameraModel
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._whitening import ratio
@@ -145,7 +146,7 @@ def span(map: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> F
 
 
 @dataclass(frozen=True, eq=False)
-class Procrustes:
+class Procrustes(Shown):
     """The best similarity without reflection, ``map ~ scale * true @ rotation.T + translation``.
 
     Attributes:

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array, as_pair
 from bodyimage_kin._checks import number, whole
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.estimators import Learned, Pairs, edges
 from bodyimage_kin.metrics._fields import Field, line_integrals
@@ -34,7 +35,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class ObservedError:
+class ObservedError(Shown):
     """The error of predictions against observations, and what of it the noise of the observations makes.
 
     Attributes:
@@ -204,7 +205,7 @@ def stated_noise(m: int, image: float | int, encoder: float | int = 0.0, jacobia
 
 
 @dataclass(frozen=True, eq=False)
-class LocalSpectrum:
+class LocalSpectrum(Shown):
     """In which directions the joints moved about each posture, joints over their spread.
 
     Attributes:

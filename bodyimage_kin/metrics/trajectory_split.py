@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin._checks import whole
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._fields import Field, answer, line_integrals
 
@@ -22,7 +23,7 @@ _STEP_NODES = 4  # on each step, which is short: exact for a Jacobian of degree 
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorSplit:
+class ErrorSplit(Shown):
     """The error of an integrated hand image as a sum of three.
 
     All arrays are ``(*batch, time, m)`` [unit], zero at the start of a path and NaN off it.

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from bodyimage_kin._arrays import ArrayLike, Floats, as_float_array, as_pair
 from bodyimage_kin._checks import number, numbers_of
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.metrics._whitening import ratio
 
@@ -115,7 +116,7 @@ def crps_of_draws(true: ArrayLike, draws: ArrayLike) -> Float[np.ndarray, "*batc
 
 
 @dataclass(frozen=True, eq=False)
-class Coverage:
+class Coverage(Shown):
     """How often the truth lies within the region that is predicted to hold it.
 
     Attributes:
@@ -196,7 +197,7 @@ def sharpness(covariance: ArrayLike) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Sparsification:
+class Sparsification(Shown):
     """The error that is left when the predictions that are most in doubt are taken away.
 
     Attributes:

@@ -2,6 +2,7 @@
 
 from bodyimage_kin.recordings.files import read_recording, write_recording
 from bodyimage_kin.recordings.from_arrays import recording
+from bodyimage_kin.recordings.resampling import resample
 from bodyimage_kin.recordings.schema import (
     align,
     canonical_order,
@@ -28,6 +29,7 @@ __all__ = [
     "read_recording",
     "recording",
     "require_aligned",
+    "resample",
     "simulate",
     "simulate_many",
     "write_recording",

@@ -24,8 +24,8 @@ from bodyimage_kin.body import reach
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, Unreachable
 from bodyimage_kin.recordings import mujoco_model
-from bodyimage_kin.recordings.contacts import nearest_on_shapes
 from bodyimage_kin.recordings.settings import Drag, Noise
+from bodyimage_kin.robot.nearest import nearest_on_shapes
 
 __all__ = ["Course", "drag", "start_posture", "whole_steps"]
 
@@ -164,7 +164,7 @@ class _Controls:
     def __init__(self, body: Embodiment, course: Course, settings: Drag, steps: int, torque: float, hold: int) -> None:
         targets = course.centres
         if course.press:
-            _, normals, _ = nearest_on_shapes(body.require_skin().shapes, targets)
+            _, normals, _ = nearest_on_shapes(body.require_skin().touched_surface, targets)
             targets = targets - settings.press * normals
         velocity = np.gradient(targets, settings.step, axis=0) if len(targets) > 1 else np.zeros_like(targets)
         # MuJoCo's force is k (control - x) - d v.

@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import h5py
 import xarray as xr
 
+from bodyimage_kin import _checks
 from bodyimage_kin._files import atomic_path
 from bodyimage_kin.body import Embodiment
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 from bodyimage_kin.recordings._attributes import decoded, encoded
-from bodyimage_kin.recordings.columns import Column, Columns, read_columns
+from bodyimage_kin.recordings._look import Units
+from bodyimage_kin.recordings.bags import is_bag, read_bag
+from bodyimage_kin.recordings.columns import Column, Columns, read_columns, recording_of
 from bodyimage_kin.recordings.schema import COORDINATES, VARIABLES, check, with_blocks
 from bodyimage_kin.recordings.tables import TABLES
 from bodyimage_kin.robot import Robot
@@ -56,7 +59,7 @@ def read_recording(
     path: str | os.PathLike[str],
     columns: Columns | None = None,
     *,
-    units: Mapping[str, str] | None = None,
+    units: Units | None = None,
     robot: Robot | Embodiment | None = None,
     joints: Sequence[str] | None = None,
     order: Literal["stream", "scattered"] | str | None = None,
@@ -64,14 +67,19 @@ def read_recording(
     unseen: Sequence[float | int] = (),
     where: Mapping[Column, float | int | str] | None = None,
     gap: float | int | None = None,
+    sampling: float | int | None = None,
     variable: str | None = None,
     decimal: str = ".",
+    join_within: float | int = 0.1,
 ) -> xr.Dataset:
-    """Reads a recording: one of ours from NetCDF, or a table of postures and observations.
+    """Reads a recording: one of ours from NetCDF, a table of postures and observations, or a bag.
 
     A table is a text (CSV and its like), a Parquet file or a MATLAB file of a matrix or of structs. What people get
     wrong in one is said in one line, with row and column: degrees taken for radians, millimetres for metres, time going
     backwards, an image outside the sensor are errors; gaps, doubled rows and joints that never move are warnings.
+
+    A bag is one of ROS 1 (.bag), of ROS 2 (its folder, .db3) or MCAP: joint states, and one tracked point or marker. It
+    has a row for each observation of the point, the joints being interpolated to its time.
 
     Args:
         path: The file; its ending says what it is.
@@ -79,18 +87,24 @@ def read_recording(
             ``intensity``, ``time``, ``trial``, ``block``, ``repeat``, ``at_reference``) -> its columns: a name, a
             number (from 0, where every column is given so), a list of them, joint -> name, or a pattern with one ``*``
             that stands for the joint. None: columns named ``q.JOINT``, ``hand_image.u`` and the like, or as the joints.
+            Of a bag: ``q`` -> topic of joint states, and ``hand_position`` or ``hand_image`` -> topic of the point (its
+            x and y), in brackets the frame or marker that is meant, ``"/tf[wrist_marker]"``. None: the only ones.
         units: Variable -> its unit in the file: ``"deg"``, ``"mm"``, ``"px"``, ``"ms"`` ...; radians, metres and
-            seconds where nothing is said, and pixels of an image.
-        robot: Whose joints these are: their names and limits are checked; of an embodiment, also the image's unit.
-        joints: Names of the joints, where the columns of ``q`` are a list.
+            seconds where nothing is said, and pixels of an image. Of ``q`` also joint -> unit.
+        robot: Whose joints these are: their names and limits are checked; of an embodiment, also the image's unit. Of a
+            bag, what moves beside its joints is passed over.
+        joints: Names of the joints, where the columns of ``q`` are a list; of a bag, which joints are taken.
         order: ``"stream"``, rows one after the other in time, or ``"scattered"``, postures in no order; a column of
             time says the first.
         size: (width, height) of the image [px], to check it.
         unseen: Numbers that stand for an unseen hand, where all coordinates bear one.
         where: Column -> value: only rows that have it are taken.
         gap: A pause of more than this begins a new trial [s].
+        sampling: Puts each trial on a clock of this step [s], as :func:`bodyimage_kin.recordings.resample` does; None:
+            samples stay where they are.
         variable: Name of the variable in a MATLAB file that holds several.
         decimal: What stands before the decimals in a text.
+        join_within: Joint states on both sides of an observation in a bag must be this near in time [s].
 
     Returns:
         The recording; what no recording has is left in the file.
@@ -100,20 +114,27 @@ def read_recording(
     Raises:
         UnknownName: A column, variable or joint that there is not.
         InvalidConfig: Arguments that do not fit together, or arguments of tables with a NetCDF file.
-        MissingDependency: A Parquet file, without pyarrow.
+        MissingDependency: A Parquet file, without pyarrow; a bag, without rosbags.
         InvalidRecording: A file that is missing, is no NetCDF, claims to hold more than a GiB, lacks a variable or
             holds something else in one.
     """
+    if is_bag(Path(path)) and Path(path).exists():
+        if variable is not None or where is not None:
+            raise InvalidConfig("variable and where are of tables; of a bag give topics in columns")
+        return _from_bag(
+            Path(path), columns, robot, joints, join_within, units=units, order=order, size=size, unseen=unseen,
+            gap=gap, sampling=sampling,
+        )  # fmt: skip
     if not Path(path).is_file():
         raise InvalidRecording(f"there is no recording at '{path}'")
     if Path(path).suffix.lower() in TABLES:
         return read_columns(
             Path(path), columns, units=units, robot=robot, joints=joints, order=order, size=size, unseen=unseen,
-            where=where, gap=gap, variable=variable, decimal=decimal,
+            where=where, gap=gap, sampling=sampling, variable=variable, decimal=decimal,
         )  # fmt: skip
     of_tables: dict[str, object] = {
         "columns": columns, "units": units, "robot": robot, "joints": joints, "order": order, "size": size,
-        "unseen": unseen or None, "where": where, "gap": gap, "variable": variable,
+        "unseen": unseen or None, "where": where, "gap": gap, "sampling": sampling, "variable": variable,
     }  # fmt: skip
     if given := [name for name, value in of_tables.items() if value is not None]:
         raise InvalidConfig(f"{given[0]}: this is of tables ({', '.join(TABLES)}); '{Path(path).name}' is none")
@@ -131,6 +152,25 @@ def read_recording(
     for stored_variable in recording.variables.values():
         stored_variable.attrs = decoded(stored_variable.attrs)
     return with_blocks(check(recording))
+
+
+def _from_bag(
+    path: Path,
+    topics: Columns | None,
+    robot: Robot | Embodiment | None,
+    joints: Sequence[str] | None,
+    join_within: float | int,
+    **options: Any,
+) -> xr.Dataset:
+    """A recording from a bag; of a robot's joints those are taken that the bag tells of."""
+    within = _checks.number("join_within", join_within, above=0.0)
+    body = robot if isinstance(robot, Embodiment) else None
+    if joints is None and body is not None:
+        joints = body.joints
+    table, columns = read_bag(path, topics, joints=joints, width=None if body is None else body.m, join_within=within)
+    if joints is None and isinstance(robot, Robot):
+        columns["q"] = {name: column for name, column in columns["q"].items() if name in robot.joint_names}
+    return recording_of(table, columns, robot=robot, **options)
 
 
 def _others(path: Path) -> list[str]:

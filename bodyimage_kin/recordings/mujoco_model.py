@@ -21,6 +21,7 @@ from bodyimage_kin.robot.geometry import Inertial
 from bodyimage_kin.robot.shapes import Shape
 from bodyimage_kin.robot.transforms import Matrix4
 from bodyimage_kin.robot.tree import Joint
+from bodyimage_kin.robot.triangles import Triangles
 
 __all__ = ["CONTACT_TIME", "LEAST_INERTIA", "LEAST_MASS", "NO_LIMIT", "build", "joint_columns"]
 
@@ -84,8 +85,9 @@ def build(
 
     Six controls: the target of the hand's centre in the axes of ``front_link`` [m], and a torque on the hand's link in
     that link's axes [N m]. The force on the hand is ``stiffness (control - x) - damping v`` in every component. Joint
-    values stand where :func:`joint_columns` says. The hand is a sphere that touches the skin's shapes and nothing else;
-    there is no gravity. The spring towards rest pulls each joint to ``qpos_spring`` (zero here).
+    values stand where :func:`joint_columns` says. The hand is a sphere that touches the shapes of the skin's link, of a
+    mesh its convex hull, and nothing else; there is no gravity. The spring towards rest pulls each joint to
+    ``qpos_spring`` (zero here).
 
     Args:
         body: The embodiment.
@@ -134,8 +136,15 @@ def build(
         )
     carrier, body_T_link = places[front]
     carrier.add_site(name="front", pos=body_T_link[:3, 3], quat=_quaternion(body_T_link))
-    for shape in () if body.skin is None else body.skin.shapes:
-        _add_shape(carrier, shape, body_T_link, contype=0, conaffinity=1, **contact)
+    for index, shape in enumerate(() if body.skin is None else body.skin.touched_surface):
+        if isinstance(shape, Triangles):
+            vertices = shape.vertices @ body_T_link[:3, :3].T + body_T_link[:3, 3]
+            spec.add_mesh(name=f"hull{index}", uservert=vertices.ravel(), userface=shape.faces.ravel())
+            carrier.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"hull{index}", contype=0, conaffinity=1, **contact
+            )
+        else:
+            _add_shape(carrier, shape, body_T_link, contype=0, conaffinity=1, **contact)
 
     for axis in range(3):
         drag = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_SITE, target="hand", refsite="front", gear=_unit(axis))

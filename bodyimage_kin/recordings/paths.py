@@ -12,18 +12,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bodyimage_kin._arrays import as_float_array
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 
-__all__ = ["Coordinates", "Path", "Timeline"]
+__all__ = ["Coordinates", "Path", "Timeline", "along", "lengths"]
 
-Coordinates = Float[np.ndarray, "count 2"]
+Coordinates = Float[np.ndarray, "count d"]
 _FINE = 64
 """Points on which the length of a stroke along the skin is measured."""
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class Path(Shown):
     """A path of the hand's centre.
 
     Attributes:
@@ -48,6 +49,31 @@ class Path:
         return np.zeros(len(self.centres), dtype=bool) if self.at_reference is None else np.asarray(self.at_reference)
 
 
+def lengths(places: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, "places"]:
+    """Length of the way to each place [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+
+
+def along(
+    origin: Float[np.ndarray, "3"],
+    axes: tuple[Float[np.ndarray, "3"], ...],
+    places: Float[np.ndarray, "places 3"],
+    length: Float[np.ndarray, "places"],
+    gone: Float[np.ndarray, "time"],
+) -> Float[np.ndarray, "time 3"]:
+    """Where one is on a straight way from place to place once so much of it is gone.
+
+    Args:
+        origin: Of the places [m].
+        axes: Three unit vectors, along which places are told.
+        places: [m].
+        length: Of the way to each [m].
+        gone: [m].
+    """
+    told = np.stack([np.interp(gone, length, places[:, axis]) for axis in range(3)], axis=1)
+    return np.asarray(origin + told @ np.stack(axes))
+
+
 class Timeline:
     """Strokes and rests on the skin, one after the other."""
 
@@ -58,40 +84,52 @@ class Timeline:
         self.coordinates: list[np.ndarray] = []
         self.rests: list[tuple[float, float]] = []
 
-    def rest(self, place: Float[np.ndarray, "2"], duration: float) -> None:
-        """Stays at a place, which is the reference."""
+    def rest(self, taxel: int, duration: float) -> None:
+        """Stays at a taxel, which is the reference."""
         self.rests.append((self.clock, self.clock + duration))
-        self._add(np.array([0.0, duration]), np.stack([place, place]))
+        self._add(np.array([0.0, duration]), self.body.require_skin().coordinates(np.array([taxel, taxel])))
 
     def stroke(
         self,
-        start: Float[np.ndarray, "2"],
-        end: Float[np.ndarray, "2"],
+        start: int,
+        end: int,
         profile: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
-        """Slides straight in the grid's coordinates; time runs with the length of the way of the hand's centre."""
-        share = np.linspace(0.0, 1.0, _FINE)
-        coordinates = start + share[:, None] * (end - start)
+        """Slides from one taxel to another; time runs with the length of the way of the hand's centre.
+
+        On a whole grid the way is straight in its coordinates, on any other skin it follows the graph of neighbours.
+        """
+        skin = self.body.require_skin()
+        stops = skin.coordinates(np.array(skin.way(start, end)))
+        share = np.linspace(0.0, 1.0, _FINE * (len(stops) - 1))
+        if len(stops) == 2:
+            coordinates = stops[0] + share[:, None] * (stops[1] - stops[0])
+        else:
+            legs = np.linalg.norm(np.diff(stops[:, :3], axis=0), axis=1)
+            passed = np.concatenate([[0.0], np.cumsum(legs)]) / legs.sum()
+            coordinates = np.stack([np.interp(share, passed, axis) for axis in stops.T], axis=1)
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.centres(coordinates), axis=0), axis=1))])
         if length[-1] == 0.0:
             return
         if profile is None:
             self._add(length / self.speed, coordinates)
             return
-        times = np.linspace(0.0, length[-1] / self.speed, _FINE)
+        times = np.linspace(0.0, length[-1] / self.speed, len(share))
         along = profile(share) * length[-1]
-        self._add(times, np.stack([np.interp(along, length, coordinates[:, axis]) for axis in (0, 1)], axis=1))
+        self._add(
+            times, np.stack([np.interp(along, length, coordinates[:, axis]) for axis in range(stops.shape[1])], axis=1)
+        )
 
     def centres(self, coordinates: Coordinates) -> Float[np.ndarray, "count 3"]:
         """Centres of a hand that touches the skin at these coordinates."""
-        points, normals = self.body.require_skin().surface(coordinates)
+        points, normals = self.body.require_skin().surface_at(coordinates)
         return points + self.body.hand.radius * normals
 
     def sampled(self, sampling: float, end: float) -> Path:
         """The path at equal steps of time, from zero to ``end`` [s]."""
         times = np.arange(0.0, end + 1e-9, sampling)
         known, places = np.concatenate(self.times), np.concatenate(self.coordinates)
-        coordinates = np.stack([np.interp(times, known, places[:, axis]) for axis in (0, 1)], axis=1)
+        coordinates = np.stack([np.interp(times, known, axis) for axis in places.T], axis=1)
         resting = np.zeros(len(times), dtype=bool)
         for begin, until in self.rests:
             resting |= (times >= begin - 1e-9) & (times <= until + 1e-9)

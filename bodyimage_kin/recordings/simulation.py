@@ -329,7 +329,7 @@ def _note(asked: _Asked, seed: int, streams: Sequence[Stream], moved: Sequence[_
             "embodiment": body.name,
             "embodiment_sha256": body.sha256,
             "urdf_sha256": body.robot.sha256,
-            **({} if skin is None else {"rows": skin.shape[0], "columns": skin.shape[1]}),
+            **({} if skin is None or skin.shape is None else {"rows": skin.shape[0], "columns": skin.shape[1]}),
             "sampling": motion.sampling,
             "encoder_noise": noise.encoder,
             "image_noise": noise.image,

@@ -14,6 +14,7 @@ import xarray as xr
 from bodyimage_kin import figures
 from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
+from bodyimage_kin.report._latex import latex_table
 from bodyimage_kin.report._page import labels_of
 from bodyimage_kin.report._results import HEADLINE, learned, names_of, probe_of_use, ranking
 from bodyimage_kin.study import summary
@@ -55,6 +56,7 @@ def write(results: xr.Dataset, folder: Path, baseline: str | None, labels: Mappi
             raise OutputRefused(f"cannot write to '{folder}': {problem.strerror}; name another folder") from None
         write_text(folder / "results.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
         write_text(folder / "table.md", _table(numbers))
+        write_text(folder / "table.tex", _latex(numbers))
         with figures.style():
             figures.save(ranking(results, means[HEADLINE], columns=3), folder, "errors")
     return folder / "table.md"
@@ -122,36 +124,58 @@ def _digits(value: Any) -> float | None:
 
 def _table(numbers: Mapping[str, Any]) -> str:
     """One table a recording, the smallest error on the face first."""
-    probes, last = numbers["probes"], numbers["compared_at"]
-    rows_of_all = [row for rows in numbers["scores"].values() for row in rows.values()]
-    columns = [score for score in _COLUMNS if any(score in row for row in rows_of_all)]
     lines = [
-        f"Relative error of the Jacobian in the motion's metric, mean over {numbers['seeds']} recordings with its 95 % "
-        f"interval (BCa bootstrap) {figures.label(last)}, and the median there. *ratio*: geometric mean over that of "
-        f"{figures.label(numbers['baseline'])}, paired by recording; p by flipped signs, after Holm. *scale*, "
-        f"*variation*: these parts of the squared error {figures.label(last)}. (k of n): recordings that did not fail.",
+        f"{_caption(numbers)} *ratio*: geometric mean over that of {figures.label(numbers['baseline'])}, paired by "
+        f"recording; p by flipped signs, after Holm. *scale*, *variation*: these parts of the squared error "
+        f"{figures.label(numbers['compared_at'])}. (k of n): recordings that did not fail.",
     ]
-    names = [figures.label(probe) for probe in probes]
-    head = [
-        "estimator",
-        *names,
-        "median",
-        "ratio",
-        "p",
-        "scale",
-        "variation",
-        *(_COLUMNS[score][0] for score in columns),
-    ]
-    for place, rows in numbers["scores"].items():
-        found = []
-        for name, row in sorted(rows.items(), key=lambda item: _sortable(item[1][HEADLINE][last]["mean"])):
-            done = row[HEADLINE][last]["recordings"]
-            some = f" ({done:.0f} of {numbers['seeds']})" if done < numbers["seeds"] else ""
-            found.append([figures.label(name) + some, *_cells(row, probes, last, columns)])
-        lines += ["", f"### {plain_markdown(figures.label(place))}", "", markdown_table(head, found)]
+    columns = _columns(numbers)
+    for place in numbers["scores"]:
+        table = markdown_table(_head(numbers), _rows(numbers, place))
+        lines += ["", f"### {plain_markdown(figures.label(place))}", "", table]
     lines += ["", "; ".join(f"*{_COLUMNS[score][0]}*: {_COLUMNS[score][2]}" for score in columns) + "."]
     said = ", ".join(f"{name} {version}" for name, version in numbers["versions"].items())
     return "\n".join([*lines, "", f"Versions: {said}.", ""])
+
+
+def _latex(numbers: Mapping[str, Any]) -> str:
+    """The same tables for a paper."""
+    head, caption = _head(numbers), _caption(numbers)
+    tables = [
+        latex_table(f"{figures.label(place)}. {caption}", head, _rows(numbers, place), f"tab:{place}")
+        for place in numbers["scores"]
+    ]
+    return "\n\n".join(["% Needs \\usepackage{booktabs}.", *tables]) + "\n"
+
+
+def _caption(numbers: Mapping[str, Any]) -> str:
+    return (
+        f"Relative error of the Jacobian in the motion's metric, mean over {numbers['seeds']} recordings with its 95 % "
+        f"interval (BCa bootstrap) {figures.label(numbers['compared_at'])}, and the median there."
+    )
+
+
+def _columns(numbers: Mapping[str, Any]) -> list[str]:
+    rows = [row for rows in numbers["scores"].values() for row in rows.values()]
+    return [score for score in _COLUMNS if any(score in row for row in rows)]
+
+
+def _head(numbers: Mapping[str, Any]) -> list[str]:
+    names = [figures.label(probe) for probe in numbers["probes"]]
+    others = [_COLUMNS[score][0] for score in _columns(numbers)]
+    return ["estimator", *names, "median", "ratio", "p", "scale", "variation", *others]
+
+
+def _rows(numbers: Mapping[str, Any], place: str) -> list[list[str]]:
+    """A row an estimator, the smallest error where they are compared first."""
+    probes, last, columns = numbers["probes"], numbers["compared_at"], _columns(numbers)
+    found = []
+    of = numbers["scores"][place]
+    for name, row in sorted(of.items(), key=lambda item: _sortable(item[1][HEADLINE][last]["mean"])):
+        done = row[HEADLINE][last]["recordings"]
+        some = f" ({done:.0f} of {numbers['seeds']})" if done < numbers["seeds"] else ""
+        found.append([figures.label(name) + some, *_cells(row, probes, last, columns)])
+    return found
 
 
 def _cells(row: Mapping[str, Any], probes: list[str], last: str, columns: list[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Rays against the primitive shapes of a link, in closed form.
+"""What a link is touched on: rays against its primitive shapes, in closed form, and against its meshes.
 
 A mesh of a sphere has edges, and ray libraries miss rays on the very edges of a box; a skin laid on the shapes
 themselves has neither fault.
@@ -6,24 +6,31 @@ themselves has neither fault.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.robot.geometry import Box, Capsule, Collision, Cylinder, Sphere
+from bodyimage_kin.robot.geometry import Box, Capsule, Collision, Cylinder, Mesh, Sphere, Visual
+from bodyimage_kin.robot.meshes import load_mesh
 from bodyimage_kin.robot.transforms import Matrix4
+from bodyimage_kin.robot.triangles import Triangles
 
-__all__ = ["Points", "Shape", "blocked", "cast", "collision_shapes"]
+__all__ = ["Found", "Points", "Shape", "Surface", "blocked", "cast", "link_surface", "place_shape"]
 
 Points = Float[np.ndarray, "count 3"]
+_LARGEST = 5.0
+"""A mesh larger than this [m] is taken to be in millimetres."""
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Shown):
     """One convex primitive, in its link.
 
     Attributes:
@@ -80,35 +87,102 @@ class Shape:
         return np.asarray(normal @ rotation.T)
 
 
-def collision_shapes(robot: Robot, link: str) -> tuple[Shape, ...]:
-    """The collision shapes of a link, as the robot's source describes them.
+Surface: TypeAlias = "tuple[Shape | Triangles, ...]"
+"""Shapes and meshes that together are what a link is touched on."""
+
+
+class Found(NamedTuple):
+    """The surface of a link.
+
+    Attributes:
+        surface: What it is touched on.
+        notes: What was mended, and what is used in place of something that is not there.
+    """
+
+    surface: Surface
+    notes: tuple[str, ...]
+
+
+def link_surface(robot: Robot, link: str, mesh_folder: Path | None = None) -> Found:
+    """What a link is touched on, as the robot's source describes it: its collisions, or else what is seen of it.
+
+    Args:
+        robot: The robot.
+        link: Its link.
+        mesh_folder: As of :func:`bodyimage_kin.robot.meshes.triangulate`.
 
     Raises:
         UnknownName: No such link.
-        InvalidGeometry: No collision shape, one that is a mesh, or one that cannot be read.
+        InvalidGeometry: The link has no shape, one that cannot be read, or a mesh that is missing.
     """
     geometry = robot.geometry[robot.check_link(link)]
-    geometry.check("collision")
-    if not geometry.collisions:
-        raise InvalidGeometry(f"link '{link}' has no collision shape; a skin needs one to lie on")
-    return tuple(_primitive(link, collision) for collision in geometry.collisions)
+    part: Literal["collision", "visual"] = "collision"
+    geometry.check(part)
+    elements: Sequence[Collision | Visual] = geometry.collisions
+    notes: list[str] = []
+    if not elements:
+        part = "visual"
+        geometry.check(part)
+        elements = geometry.visuals
+        notes.append(f"link '{link}' has no collision shape: the skin lies on what is seen of it")
+    if not elements:
+        raise InvalidGeometry(
+            f"link '{link}' has no shape that a skin can lie on; state one (a sphere, box or cylinder), or name another"
+            " link"
+        )
+    parts = [place_shape(element, link, robot.file, mesh_folder) for element in elements]
+    return Found(
+        tuple(shape for one in parts for shape in one.surface), (*notes, *(note for one in parts for note in one.notes))
+    )
 
 
-def _primitive(link: str, collision: Collision) -> Shape:
-    match collision.shape:
+def place_shape(
+    element: Collision | Visual, link: str, file: Path | None = None, mesh_folder: Path | None = None
+) -> Found:
+    """A shape of a link as rays meet it.
+
+    Args:
+        element: The shape and its place.
+        link: Whose it is, for errors.
+        file: The URDF's own, beside which meshes lie.
+        mesh_folder: As of :func:`bodyimage_kin.robot.meshes.triangulate`.
+
+    Raises:
+        InvalidGeometry: A mesh that is missing or cannot be read.
+    """
+    match element.shape:
         case Sphere(radius):
-            return Shape("sphere", (radius,), collision.origin)
+            shape = Shape("sphere", (radius,), element.origin)
         case Box(size):
-            return Shape("box", tuple(side / 2 for side in size), collision.origin)
+            shape = Shape("box", tuple(side / 2 for side in size), element.origin)
         case Cylinder(radius, length):
-            return Shape("cylinder", (radius, length / 2), collision.origin)
+            shape = Shape("cylinder", (radius, length / 2), element.origin)
         case Capsule(radius, length):
-            return Shape("capsule", (radius, length / 2), collision.origin)
-    shapes = "boxes, cylinders, capsules or spheres"
-    raise InvalidGeometry(f"link '{link}': a skin needs collision shapes that are {shapes}, not a mesh")
+            shape = Shape("capsule", (radius, length / 2), element.origin)
+        case Mesh():
+            return _mesh(element.shape, element.origin, link, file, mesh_folder)
+    return Found((shape,), ())
 
 
-def cast(shapes: tuple[Shape, ...], origins: Points, directions: Points) -> tuple[Points, Points]:
+def _mesh(mesh: Mesh, origin: Matrix4, link: str, file: Path | None, mesh_folder: Path | None) -> Found:
+    loaded, notes = load_mesh(mesh, link, file, mesh_folder), list[str]()
+    largest = float(loaded.extents.max())
+    if largest > _LARGEST:
+        loaded.apply_transform(np.diag([1e-3, 1e-3, 1e-3, 1.0]))
+        notes.append(
+            f"mesh {mesh.filename} of link '{link}' is {largest:.3g} m large: taken to be in millimetres; give it "
+            'scale="0.001 0.001 0.001"'
+        )
+    surface = Triangles.of(loaded, origin)
+    if surface.border:
+        notes.append(
+            f"mesh {mesh.filename} of link '{link}' is open ({surface.border} edges at its border): rays from outside "
+            "meet it all the same, nothing is inside of it"
+        )
+    return Found((surface,), tuple(notes))
+
+
+def cast(shapes: Surface, origins: Points, directions: Points) -> tuple[Points, Points]:
     """Where rays first meet one of the shapes from outside.
 
     Returns:
@@ -117,6 +191,12 @@ def cast(shapes: tuple[Shape, ...], origins: Points, directions: Points) -> tupl
     nearest = np.full(len(origins), np.inf)
     points, normals = np.full_like(origins, np.nan), np.full_like(origins, np.nan)
     for shape in shapes:
+        if isinstance(shape, Triangles):
+            times, facing = shape.cast(origins, directions)
+            first = times < nearest
+            nearest[first], normals[first] = times[first], facing[first]
+            points[first] = origins[first] + times[first, None] * directions[first]
+            continue
         enter, leave = shape.crossing(origins, directions)
         first = (enter <= leave) & (enter >= 0.0) & (enter < nearest)
         if first.any():
@@ -126,11 +206,14 @@ def cast(shapes: tuple[Shape, ...], origins: Points, directions: Points) -> tupl
     return points, normals
 
 
-def blocked(shapes: tuple[Shape, ...], starts: Points, ends: Points) -> Bool[np.ndarray, "count"]:
+def blocked(shapes: Surface, starts: Points, ends: Points) -> Bool[np.ndarray, "count"]:
     """Whether the segment between two points passes through more than a micrometre of a shape."""
     through = np.zeros(len(starts), dtype=bool)
     lengths = np.linalg.norm(ends - starts, axis=1)
     for shape in shapes:
+        if isinstance(shape, Triangles):
+            through |= shape.blocks(starts, ends)
+            continue
         enter, leave = shape.crossing(starts, ends - starts)
         inside = np.maximum(np.minimum(leave, 1.0) - np.maximum(enter, 0.0), 0.0)
         through |= inside * lengths > 1e-6

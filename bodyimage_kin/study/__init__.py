@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.study.context import Context, Fact, Score, WrongResult
     from bodyimage_kin.study.facts import FACTS
     from bodyimage_kin.study.grid import Row, Simulation
+    from bodyimage_kin.study.held_out import held_out_scores, noise_of
     from bodyimage_kin.study.results import read_study, recording_of
     from bodyimage_kin.study.scores import SCORES
     from bodyimage_kin.study.scoring import PROBES, score
@@ -22,6 +23,7 @@ _MODULES = {
     "context": ("Context", "Fact", "Score", "WrongResult"),
     "facts": ("FACTS",),
     "grid": ("Row", "Simulation"),
+    "held_out": ("held_out_scores", "noise_of"),
     "results": ("read_study", "recording_of"),
     "scores": ("SCORES",),
     "scoring": ("PROBES", "score"),
@@ -43,7 +45,9 @@ __all__ = [
     "chain",
     "compare",
     "failures",
+    "held_out_scores",
     "markdown_table",
+    "noise_of",
     "read_study",
     "recording_of",
     "score",

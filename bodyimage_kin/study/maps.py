@@ -58,7 +58,7 @@ def true_map(body: Embodiment) -> Float[np.ndarray, "rows columns m"]:
     skin = body.require_skin()
     with torch.no_grad():
         image = body.hand_image(body.touch_postures(np.arange(skin.count)))
-    return image.numpy().reshape(*skin.shape, body.m)
+    return image.numpy().reshape(*(skin.shape or (skin.count,)), body.m)
 
 
 def map_scores(learned: BodyImage, truth: Float[np.ndarray, "rows columns m"]) -> dict[str, Any]:

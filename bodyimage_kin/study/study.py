@@ -19,6 +19,7 @@ import xarray as xr
 from bodyimage_kin import _progress
 from bodyimage_kin._checks import choice, flag, number, whole
 from bodyimage_kin._files import write_text
+from bodyimage_kin._shown import Shown
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName
@@ -37,7 +38,7 @@ _LARGEST_FILE = 4 * 2**20
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(Shown):
     """A grid of embodiments, recordings, estimators and seeds, each scored at every probe.
 
     Everything may be given as an object, a name or a table, and is kept as tables (:mod:`bodyimage_kin.study.specs`);
@@ -120,6 +121,11 @@ class Study:
         specs.finite("study", self.table())
 
     # As a file ------------------------------------------------------------------------------------------------------
+
+    def _rows(self) -> dict[str, str]:
+        parts = ("embodiments", "recordings", "estimators", "probes", "scores", "facts")
+        names = {name: ", ".join(map(str, getattr(self, name) or ())) or "none" for name in parts}
+        return {**names, "seeds": f"{len(asked.seeds_of(self.seeds))}, in blocks of {self.block}"}
 
     def table(self) -> Table:
         """The study as one table, all that results keep of it; what it was handed stands as hashes."""
@@ -260,7 +266,9 @@ class Study:
             "config": self.table(),
             "urdf_sha256": {name: body.robot.sha256 if body else "" for name, body in bodies.items()},
             "embodiment_sha256": {name: body.sha256 if body else "" for name, body in bodies.items()},
-            "skin_shape": {name: list(body.skin.shape) if body and body.skin else [] for name, body in bodies.items()},
+            "skin_shape": {
+                name: list((body.skin.shape if body and body.skin else None) or ()) for name, body in bodies.items()
+            },
         }
 
     def _load(self, table: Table) -> Embodiment | None:

@@ -518,9 +518,7 @@ def test_a_circle_stands_in_front_of_the_skin_or_of_the_camera():
     frame = body.circle_frame(0.03)
     assert body.front_link == "head"
     np.testing.assert_array_equal(frame.origin, body.touch_centres([220], 0.03)[0])
-    for found, expected in zip(
-        frame[1:], (body.skin.patch.right, body.skin.patch.down, body.skin.patch.forward), strict=True
-    ):
+    for found, expected in zip(frame[1:], (body.skin.right, body.skin.down, body.skin.forward), strict=True):
         np.testing.assert_array_equal(found, expected)
     bare = rebuilt(body, skin=None)
     frame = bare.circle_frame(0.1)

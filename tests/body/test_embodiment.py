@@ -223,7 +223,7 @@ def test_the_hand_is_seen_in_the_cone_and_not_through_the_head(body, around, nea
     # A head that is one sphere: how deep the line of sight goes, by looking at many points of it.
     eye = torch.from_numpy(body.skin.link_positions[body.skin.eye])
     sight = eye + torch.linspace(0, 1, 501, dtype=torch.float64)[:, None] * (body.hand_in_skin(q) - eye)[:, None]
-    (head,) = body.skin.shapes
+    (head,) = body.skin.surface
     centre, radius = torch.from_numpy(head.link_T_shape[:3, 3].copy()), head.size[0]
     deepest = (radius - (sight - centre).norm(dim=-1)).amax(1)
     clear = ((deepest - 1e-5).abs() > 1e-4) | (deepest.abs() < 1e-12)
@@ -268,7 +268,7 @@ def test_every_taxel_is_reached_with_the_least_displacement(body, distance):
     assert (q >= body.felt_robot.lower).all()
     assert (q <= body.felt_robot.upper).all()
     target = body.skin.positions + body.hand.radius * body.skin.normals
-    forward = body.skin.root_T_link[:3, :3] @ torch.from_numpy(body.skin.patch.forward)
+    forward = body.skin.root_T_link[:3, :3] @ torch.from_numpy(body.skin.forward)
     target = target + distance * forward
     assert float((body.hand_position(q) - target).norm(dim=1).max()) < 1e-9
     assert least_displaced(body, q) < 1e-6

@@ -66,7 +66,7 @@ def any_body(request, other):
 def round_the_screen(body):
     """Postures whose hand goes round once, clockwise to the eye, in front of the face."""
     angle = np.linspace(0, 2 * np.pi, 41)
-    patch, radius = body.skin.patch, 0.02
+    patch, radius = body.skin.layout, 0.02
     middle = body.hand_in_skin(body.felt_home)[None].numpy()
     aside = np.cos(angle)[:, None] * patch.right + np.sin(angle)[:, None] * patch.down
     q, reached = body.reach(torch.from_numpy(middle + radius * aside))
@@ -172,7 +172,7 @@ def test_every_taxel_is_drawn_once_and_the_reference_is_ringed(any_body, made):
     assert len(plain) + len(marked) == rows * columns
     everything = np.concatenate([plain, marked])
     # Seen from the front a column of taxels is a column, and the robot's right is on the left.
-    step = any_body.skin.patch.size[1] / (columns - 1)
+    step = any_body.skin.layout.size[1] / (columns - 1)
     assert np.ptp(everything[:, 0]) == pytest.approx(step * (columns - 1), abs=1e-6)
     for name, taxel in zip(names, any_body.skin.landmarks.values(), strict=True):
         row, column = divmod(taxel, columns)
@@ -212,7 +212,7 @@ def test_values_stand_where_their_taxels_do(any_body, made):
     assert len(shown[shown["series"] == "number"]) == rows * columns
     dots = made("coloured", any_body).axes[0].collections[0]
     by_value = dict(zip(dots.get_array(), dots.get_offsets()[:, 0], strict=True))
-    step = any_body.skin.patch.size[1] / (columns - 1)
+    step = any_body.skin.layout.size[1] / (columns - 1)
     for value, x in by_value.items():
         # The robot's right is on the left, columns grow to its own left or right as the patch says.
         assert abs(abs(x) - abs((columns - 1) / 2 - value % columns) * step) < 1e-6
@@ -276,7 +276,7 @@ def test_the_profile_is_the_skin(any_body, axis):
     profile, taxels = lines(axes, "head, section")[0], lines(axes, "taxels near the section")[0]
     assert len(taxels) >= 5
     # A taxel up to half a step off the section lies a little behind the profile.
-    step = 1000 * max(np.divide(any_body.skin.patch.size, np.subtract(any_body.skin.shape, 1)))
+    step = 1000 * max(np.divide(any_body.skin.layout.size, np.subtract(any_body.skin.shape, 1)))
     depth = np.interp(taxels[:, 1], profile[:, 1], profile[:, 0])
     assert np.abs(taxels[:, 0] - depth).max() < step / 4
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from bodyimage_kin import figures
+from bodyimage_kin.body.graph import grid_edges
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
-from bodyimage_kin.figures._chart import flatten, grid_edges
+from bodyimage_kin.figures._chart import flatten
 
 GRID = np.stack(np.meshgrid(np.linspace(-0.03, 0.03, 7), np.linspace(-0.02, 0.02, 5)), -1)
 STEPS = [0, 100, 200]

@@ -9,10 +9,10 @@ import bodyimage_kin as bk
 from bodyimage_kin import figures
 from bodyimage_kin.body.cameras import Camera, Tracker
 from bodyimage_kin.errors import InvalidGeometry
-from bodyimage_kin.figures import _visuals as visuals
+from bodyimage_kin.figures import visuals
 from bodyimage_kin.figures._rasteriser import draw_surface, render
 from bodyimage_kin.figures._views import View, clearest, facing, hidden, project, window_of
-from bodyimage_kin.figures._visuals import Surface
+from bodyimage_kin.figures.visuals import Surface
 
 FRONT = View(np.zeros(3), 0.0, 0.0)
 BALL = """<robot name="r"><link name="base"/><link name="ball"><visual><origin xyz="0.2 0 0.5"/>

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from bodyimage_kin.errors import InvalidGeometry, InvalidPosture, UnknownName
-from bodyimage_kin.figures import _visuals as visuals
+from bodyimage_kin.figures import visuals
 from bodyimage_kin.robot import Robot
 
 BOX = """<robot name="arm">

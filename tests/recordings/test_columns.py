@@ -97,6 +97,38 @@ def test_units_are_converted_and_said(tmp_path, arm):
     np.testing.assert_allclose(rec["time"], columns["stamp"], atol=1e-12)
 
 
+SLIDER = ARM.replace('name="wrist" type="revolute"', 'name="wrist" type="prismatic"')
+
+
+def test_joints_that_slide_have_a_unit_of_their_own(tmp_path):
+    slider, columns = bk.Robot.from_urdf(SLIDER), table()
+    mixed = {**columns, "elbow": np.degrees(columns["elbow"]), "wrist": 1000 * columns["wrist"]}
+    path = written(tmp_path, mixed)
+    for robot in (slider, None):
+        rec = bk.read_recording(path, COLUMNS, units={"q": {"elbow": "deg", "wrist": "mm"}}, robot=robot)
+        assert rec["q"].attrs["units"] == "rad m"
+        np.testing.assert_allclose(rec["q"].values[0], np.stack([columns["elbow"], columns["wrist"]], 1), atol=1e-15)
+    # Degrees are said of what turns.
+    angles = written(tmp_path, {**columns, "elbow": np.degrees(columns["elbow"])}, "angles.csv")
+    rec = bk.read_recording(angles, COLUMNS, units={"q": "deg"}, robot=slider)
+    np.testing.assert_array_equal(rec["q"].values[0, :, 1], columns["wrist"])
+    assert rec["q"].attrs["units"] == "rad m"
+    with pytest.raises(InvalidConfig, match="'mm' of joint 'elbow', which turns; its unit is 'rad' or 'deg'"):
+        bk.read_recording(path, COLUMNS, units={"q": "mm"}, robot=slider)
+    with pytest.raises(InvalidRecording, match=r"joint 'wrist' is \d+\.?\d*, beyond .*in millimetres give units"):
+        bk.read_recording(path, COLUMNS, units={"q": {"elbow": "deg"}}, robot=slider)
+    with pytest.raises(UnknownName, match="did you mean 'wrist'"):
+        bk.read_recording(path, COLUMNS, units={"q": {"wirst": "mm"}})
+
+
+def test_numbers_that_must_be_whole_say_where_they_are_not(tmp_path):
+    path = written(tmp_path, table(part=np.r_[np.zeros(10), 1.5, np.ones(9)]))
+    with pytest.raises(
+        InvalidRecording, match=r"line 12, column 'part': 1.5 is no whole number; block has one in each"
+    ):
+        bk.read_recording(path, COLUMNS | {"block": "part"})
+
+
 def test_trials_by_a_column_and_by_gaps(tmp_path):
     stamp = np.concatenate([0.1 * np.arange(8), 5 + 0.1 * np.arange(12)])
     rec = bk.read_recording(written(tmp_path, table(stamp=stamp)), COLUMNS, gap=1.0)
@@ -124,8 +156,13 @@ def test_numbers_that_stand_for_unseen(tmp_path):
     rec = bk.read_recording(written(tmp_path, columns), COLUMNS, unseen=[-1])
     assert np.isnan(rec["hand_image"].values[0, 2]).all()
     assert rec["hand_image"].values[0, 5, 0] == -1
+    # Many trackers say 0, 0.
+    columns["u"][7] = columns["v"][7] = 0
+    rec = bk.read_recording(written(tmp_path, columns), COLUMNS, unseen=[-1, 0])
+    assert np.isnan(rec["hand_image"].values[0, [2, 7]]).all()
+    assert np.isfinite(rec["hand_image"].values[0, 5]).all()
     with pytest.raises(InvalidRecording, match=r"line 7, column 'u': -1 is outside the image of 640 x 480"):
-        bk.read_recording(written(tmp_path, columns), COLUMNS, unseen=[-1], size=(640, 480))
+        bk.read_recording(written(tmp_path, columns), COLUMNS, unseen=[-1, 0], size=(640, 480))
 
 
 WRONG = {

@@ -12,10 +12,11 @@ import torch
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, InvalidURDF, Unreachable
 from bodyimage_kin.recordings import Drag, Noise, dynamics, first_taxel, mujoco_model, simulate, simulate_many
-from bodyimage_kin.recordings.contacts import Contacts, find_contacts, nearest_on_shapes, touched_taxels
+from bodyimage_kin.recordings.contacts import Contacts, find_contacts, touched_taxels
 from bodyimage_kin.recordings.dynamics import Course, drag
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
 from bodyimage_kin.recordings.mujoco_model import joint_columns
+from bodyimage_kin.robot.nearest import nearest_on_shapes
 from bodyimage_kin.robot.shapes import Shape
 from bodyimage_kin.robot.transforms import axis_angle_matrix, transform
 
@@ -373,13 +374,13 @@ def test_a_contact_on_a_taxel_is_that_taxel_and_off_the_patch_none(body):
         ([10.0, columns - 0.6], 10 * columns + columns - 1),
         ([rows - 0.4, 3.0], -1),
     ]:
-        points, normals = skin.surface(np.array([place]))
+        points, normals = skin.surface_at(np.array([place]))
         assert touched_taxels(skin, Contacts(points, normals, np.zeros(1))) == [expected], place
 
 
 def test_back_of_the_head_and_free_hand_touch_no_taxel(body):
     front = body.skin.link_positions[[220]] + 0.5 * body.hand.radius * body.skin.link_normals[[220]]
-    middle = body.skin.shapes[0].link_T_shape[:3, 3]
+    middle = body.skin.surface[0].link_T_shape[:3, 3]
     back = 2 * middle - front
     centres = np.concatenate([front, back, front + np.array([1.0, 0.0, 0.0])])
     contacts = find_contacts(body.skin, centres, body.hand.radius)

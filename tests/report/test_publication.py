@@ -1,6 +1,7 @@
 """Laws of a study as a published comparison."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
+from bodyimage_kin.report._latex import latex
 from bodyimage_kin.study.results import MISSING
 
 ESTIMATORS = ["analytic", "least_squares", "rational_trig"]
@@ -119,3 +121,36 @@ def test_names_of_ones_own_are_labelled_and_change_no_table(results, tmp_path):
     assert any(line.startswith(r"| a\|b &lt;script> |") for line in lines)
     assert r"### x \| y" in lines
     assert set(json.loads((tmp_path / "results.json").read_text())["scores"]) == {"x | y", "noisy"}
+
+
+def test_the_table_for_a_paper_says_the_same(results, tmp_path):
+    odd = results.assign_coords(
+        estimator=["analytic", r"50% & a_b $x$ \\ {", "mine"], recording=["noise_free", "noisy"]
+    )
+    lines = bk.report.publish(odd, tmp_path, labels={"mine": "my #1"}).read_text().splitlines()
+    tex = (tmp_path / "table.tex").read_text()
+    tables = re.findall(r"\\begin\{table\}.*?\\end\{table\}", tex, re.DOTALL)
+    assert len(tables) == 2
+    for table in tables:
+        assert [table.count(rule) for rule in (r"\toprule", r"\midrule", r"\bottomrule")] == [1, 1, 1]
+        # One cell a column in every row, whatever stands in a name.
+        rows = [row for row in table.splitlines() if row.endswith(r"\\")]
+        columns = len(re.search(r"\{tabular\}\{(\w+)\}", table)[1])
+        assert {len(re.findall(r"(?<!\\)&", row)) + 1 for row in rows} == {columns}
+        assert table.count("{") - table.count(r"\{") == table.count("}") - table.count(r"\}")
+    assert r"50\% \& a b \$x\$" in tex
+    assert r"my \#1" in tex
+    assert tex.count("0.500 [0.500, 0.500]") == sum(line.count("0.500 [0.500, 0.500]") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1.2e-05 [3e+12]", r"$1.2 \cdot 10^{-5}$ [$3 \cdot 10^{12}$]"),
+        ("< .001", "$<$ .001"),
+        ("a\\b~^", r"a\textbackslash{}b\textasciitilde{}\textasciicircum{}"),
+        ("e-mail 1e5x", "e-mail 1e5x"),
+    ],
+)
+def test_text_is_set_as_it_is(text, said):
+    assert latex(text) == said

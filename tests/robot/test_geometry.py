@@ -18,7 +18,7 @@ from bodyimage_kin.robot.geometry import (
     Sphere,
     Visual,
 )
-from bodyimage_kin.robot.shapes import collision_shapes
+from bodyimage_kin.robot.shapes import link_surface
 
 ORIGIN = '<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/>'
 PLACE = {"xyz": (1.0, 2.0, 3.0), "rpy": (0.1, 0.2, 0.3)}
@@ -137,11 +137,11 @@ def test_an_odd_shape_costs_its_part_alone(part, text):
     assert problem in str(caught.value)
     link.check("visual" if part == "collision" else "collision")
     # Nor does it trouble another link, nor the kinematics.
-    assert [shape.kind for shape in collision_shapes(found, "b")] == ["box"]
+    assert [shape.kind for shape in link_surface(found, "b").surface] == ["box"]
     assert bk.Robot.from_urdf(found.to_urdf()).tree == found.tree
     if part == "collision":
         with pytest.raises(InvalidGeometry, match="link 'a', line 2"):
-            collision_shapes(found, "a")
+            link_surface(found, "a")
 
 
 @pytest.mark.parametrize(

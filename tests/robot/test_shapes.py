@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidGeometry, UnknownName
-from bodyimage_kin.robot.shapes import Shape, blocked, cast, collision_shapes
+from bodyimage_kin.robot.shapes import Shape, blocked, cast, link_surface
 from bodyimage_kin.robot.transforms import axis_angle_matrix, matrix_rpy, rpy_matrix, transform
 
 PLACE = transform(rpy_matrix((0.3, -0.4, 0.5)), (0.01, 0.02, -0.03))
@@ -139,16 +139,16 @@ def test_shapes_are_read_with_their_places():
         '<capsule radius="0.04" length="0.12"/>',
     )  # fmt: skip
     collisions = "".join(f"<collision>{origin}<geometry>{geometry}</geometry></collision>" for geometry in geometries)
-    for shape, expected in zip(collision_shapes(link(collisions), "head"), SHAPES.values(), strict=True):
+    for shape, expected in zip(link_surface(link(collisions), "head").surface, SHAPES.values(), strict=True):
         assert shape.kind == expected.kind
         assert shape.size == pytest.approx(expected.size)
         np.testing.assert_allclose(shape.link_T_shape, PLACE, atol=1e-15)
 
 
 def test_a_link_without_usable_shapes_is_refused():
-    with pytest.raises(InvalidGeometry, match="'head' has no collision shape"):
-        collision_shapes(link(""), "head")
-    with pytest.raises(InvalidGeometry, match="boxes, cylinders, capsules or spheres"):
-        collision_shapes(link('<collision><geometry><mesh filename="a.stl"/></geometry></collision>'), "head")
+    with pytest.raises(InvalidGeometry, match="'head' has no shape that a skin can lie on"):
+        link_surface(link(""), "head")
+    with pytest.raises(InvalidGeometry, match=r"'a.stl' of a robot given as XML; say where in mesh_folder"):
+        link_surface(link('<collision><geometry><mesh filename="a.stl"/></geometry></collision>'), "head")
     with pytest.raises(UnknownName, match="no link 'heda'; did you mean 'head'"):
-        collision_shapes(link(""), "heda")
+        link_surface(link(""), "heda")

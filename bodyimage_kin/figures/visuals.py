@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,12 +17,14 @@ from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.geometry import Capsule, Cylinder, Shape, Sphere, Visual
 from bodyimage_kin.robot.meshes import triangulate
 
+__all__ = ["PLAIN", "Surface", "link_poses", "link_surfaces", "sticks", "triangles"]
+
 PLAIN = (0.82, 0.80, 0.77, 1.0)
 """Colour (RGBA) of a visual that has none."""
 
 
 class Surface(NamedTuple):
-    """Triangles of a robot in its root's coordinates.
+    """Triangles of a robot in its root's coordinates, or of a link in its own.
 
     Attributes:
         corners: [m], counterclockwise seen from outside.
@@ -63,30 +65,67 @@ def triangles(
         InvalidPosture: A joint value that is not finite.
         InvalidGeometry: A mesh that is missing or outside ``mesh_folder``.
     """
+    poses = link_poses(robot, posture)
+    parts = [
+        part._replace(corners=part.corners @ pose[:3, :3].T + pose[:3, 3], normals=part.normals @ pose[:3, :3].T)
+        for name, part in link_surfaces(robot, links, mesh_folder).items()
+        for pose in (poses[name],)
+    ]
+    return _joined(parts, robot.link_names)
+
+
+def link_surfaces(
+    robot: Robot, links: Iterable[str] | None = None, mesh_folder: str | os.PathLike[str] | None = None
+) -> dict[str, Surface]:
+    """The visuals of each link that has some, in the link's own coordinates.
+
+    Args:
+        robot: Whose visuals; of a robot without any, rods between its joints.
+        links: The links; None for all.
+        mesh_folder: As of :func:`triangles`.
+
+    Raises:
+        UnknownName: As :func:`triangles`.
+        InvalidGeometry: As :func:`triangles`.
+    """
     wanted = set(robot.link_names if links is None else links)
     for name in sorted(wanted.difference(robot.link_names)):
         raise UnknownName("link", name, robot.link_names)
-    poses = link_poses(robot, posture)
     folder = None if mesh_folder is None else Path(mesh_folder)
-    corners, normals, colours = [np.empty((0, 3, 3))], [np.empty((0, 3, 3))], [np.empty((0, 4))]
-    owners = [np.empty(0, dtype=np.int64)]
     visuals = {name: robot.geometry[name].visuals for name in robot.link_names}
     if not any(visuals.values()):
-        visuals = _sticks(robot)
+        visuals = sticks(robot)
+    found = {}
     for index, name in enumerate(robot.link_names):
+        parts = []
         for visual in visuals[name] if name in wanted else ():
             mesh = triangulate(visual.shape, name, robot.file, folder)
-            root_T_visual = poses[name] @ visual.origin
-            corners.append(np.asarray(mesh.triangles) @ root_T_visual[:3, :3].T + root_T_visual[:3, 3])
-            normals.append(_normals(visual.shape, mesh) @ root_T_visual[:3, :3].T)
-            colours.append(_colours(visual, mesh))
-            owners.append(np.full(len(mesh.faces), index))
+            rotation, position = visual.origin[:3, :3], visual.origin[:3, 3]
+            parts.append(
+                Surface(
+                    np.asarray(mesh.triangles) @ rotation.T + position,
+                    _normals(visual.shape, mesh) @ rotation.T,
+                    _colours(visual, mesh),
+                    np.full(len(mesh.faces), index),
+                    robot.link_names,
+                )
+            )
+        if parts:
+            found[name] = _joined(parts, robot.link_names)
+    return found
+
+
+def _joined(parts: Sequence[Surface], link_names: tuple[str, ...]) -> Surface:
+    nothing = Surface(
+        np.empty((0, 3, 3)), np.empty((0, 3, 3)), np.empty((0, 4)), np.empty(0, dtype=np.int64), link_names
+    )
+    every = [nothing, *parts]
     return Surface(
-        np.concatenate(corners),
-        np.concatenate(normals),
-        np.concatenate(colours),
-        np.concatenate(owners),
-        robot.link_names,
+        np.concatenate([one.corners for one in every]),
+        np.concatenate([one.normals for one in every]),
+        np.concatenate([one.colours for one in every]),
+        np.concatenate([one.links for one in every]),
+        link_names,
     )
 
 
@@ -103,7 +142,7 @@ def link_poses(robot: Robot, posture: Mapping[str, Any]) -> dict[str, Float[np.n
     return {link: kin.pose(q, link).numpy() for link in robot.link_names}
 
 
-def _sticks(robot: Robot) -> dict[str, tuple[Visual, ...]]:
+def sticks(robot: Robot) -> dict[str, tuple[Visual, ...]]:
     """A ball for each link, and a rod from it to each link that hangs from it."""
     size = sum(float(np.linalg.norm(joint.xyz)) for joint in robot.tree.joints) or 1.0
     ball, rod = 0.016 * size, 0.007 * size

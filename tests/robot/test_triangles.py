@@ -1,0 +1,99 @@
+"""Laws of rays and nearest points on triangles: those of the shapes that they tile, and of each other."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import bodyimage_kin as bk
+from bodyimage_kin.errors import InvalidGeometry
+from bodyimage_kin.robot.shapes import Shape, blocked, cast, link_surface
+from bodyimage_kin.robot.triangles import Triangles
+
+RNG = np.random.default_rng(0)
+BALL = Triangles.of(trimesh.creation.icosphere(subdivisions=4, radius=0.1), np.eye(4))
+BOX = Triangles.of(trimesh.creation.box(extents=(0.2, 0.1, 0.3)), np.eye(4))
+
+
+def test_rays_meet_a_tiled_box_where_they_meet_the_box():
+    shape = Shape("box", (0.1, 0.05, 0.15), np.eye(4))
+    origins, targets = RNG.uniform(-0.5, 0.5, (500, 3)), RNG.uniform(-0.12, 0.12, (500, 3))
+    # Along edges and through corners too.
+    origins[:3], targets[:3] = [[1, 0.05, 0.0], [1, 0.05, 0.15], [0, 1, 0]], [[0, 0.05, 0], [0, 0.05, 0.15], [0, 0, 0]]
+    outside = (np.abs(origins) > [0.1, 0.05, 0.15]).any(1)
+    directions = (targets - origins)[outside]
+    found, expected = (cast((one,), origins[outside], directions) for one in (BOX, shape))
+    np.testing.assert_allclose(found[0], expected[0], atol=1e-12)
+    inside = ~np.isnan(expected[0][:, 0])
+    assert 100 < inside.sum() < len(inside)
+    # Where faces meet at a right angle each keeps its own normal.
+    np.testing.assert_allclose(found[1][3:], expected[1][3:], atol=1e-12)
+
+
+def test_normals_of_a_smooth_mesh_run_smoothly():
+    directions = RNG.standard_normal((300, 3))
+    origins = -directions
+    points, normals = cast((BALL,), origins, directions)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 0.1, rtol=2e-3)
+    assert (normals * points).sum(1).min() > 0.1 * (1 - 2e-3)
+
+
+def test_the_nearest_point_is_nearer_than_any_other_and_signed():
+    points = RNG.uniform(-0.3, 0.3, (300, 3))
+    surface, normals, distance = BOX.nearest(points)
+    size = np.array([0.1, 0.05, 0.15])
+    beyond = np.abs(points) - size
+    expected = np.where((beyond > 0).any(1), np.linalg.norm(np.maximum(beyond, 0), axis=1), beyond.max(1))
+    np.testing.assert_allclose(distance, expected, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(surface - points, axis=1), np.abs(expected), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+
+
+def test_a_segment_is_blocked_by_what_lies_between_its_ends():
+    starts = np.array([[0.2, 0.0, 0.0]] * 4)
+    ends = np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.2, 0.2, 0.2], [-0.2, 0.0, 0.0]])
+    assert blocked((BOX,), starts, ends).tolist() == [False, True, False, True]
+    # From the surface outward it is free, through the body it is not.
+    assert blocked((BOX,), ends[[0, 0]], np.array([[0.3, 0.05, 0.0], [-0.3, 0.0, 0.0]])).tolist() == [False, True]
+
+
+def test_the_hull_of_a_convex_mesh_is_its_surface():
+    bowl = trimesh.creation.icosphere(subdivisions=3, radius=0.1).slice_plane([0, 0, 0.03], [0, 0, -1])
+    open_bowl = Triangles.of(bowl, np.eye(4))
+    assert open_bowl.border > 0
+    assert BOX.border == BOX.hull.border == open_bowl.hull.border == 0
+    points = RNG.uniform(-0.3, 0.3, (100, 3))
+    np.testing.assert_allclose(BOX.hull.nearest(points)[2], BOX.nearest(points)[2], atol=1e-12)
+    # Over the bowl's opening there is a lid.
+    assert open_bowl.hull.nearest(np.array([[0.0, 0.0, 0.05]]))[2] == pytest.approx(0.02, abs=2e-3)
+
+
+def robot(folder, mesh, element="collision", name="head.stl"):
+    if mesh is not None:
+        mesh.export(folder / name)
+    shape = f'<{element}><origin xyz="0.01 0 0"/><geometry><mesh filename="{name}"/></geometry></{element}>'
+    path = folder / "r.urdf"
+    path.write_text(f'<robot name="r"><link name="head">{shape}</link></robot>', encoding="utf-8")
+    return bk.Robot.from_urdf(path)
+
+
+def test_a_links_mesh_is_its_surface_and_what_is_odd_of_it_is_noted(tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.08)
+    found = link_surface(robot(tmp_path, ball), "head")
+    assert found.notes == ()
+    points, _ = cast(found.surface, np.array([[1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0]]))
+    np.testing.assert_allclose(points, [[0.09, 0.0, 0.0]], atol=1e-6)
+    turned = ball.copy()
+    turned.invert()
+    (surface,) = link_surface(robot(tmp_path, turned), "head").surface
+    assert surface.nearest(np.array([[0.2, 0.0, 0.0]]))[1][0, 0] > 0.9
+    seen = link_surface(robot(tmp_path, ball, "visual"), "head")
+    assert "no collision shape" in seen.notes[0]
+    large = link_surface(robot(tmp_path, ball.copy().apply_scale(1000)), "head")
+    assert "taken to be in millimetres" in large.notes[0]
+    assert np.ptp(large.surface[0].vertices[:, 0]) == pytest.approx(0.16, rel=1e-2)
+    opened = ball.copy()
+    opened.update_faces(np.arange(len(ball.faces)) > 3)
+    assert "is open (" in link_surface(robot(tmp_path, opened), "head").notes[0]
+    (tmp_path / "head.stl").unlink()
+    with pytest.raises(InvalidGeometry, match=r"mesh 'head\.stl' is not in"):
+        link_surface(robot(tmp_path, None), "head")
