@@ -62,3 +62,74 @@ def learn(weights, winners, targets, rates, gammas, exponents, kernel, pull, spe
             for row in range(rows):
                 for column in range(columns):
                     history[snapshot, row, column, axis] = weights[axis, row, column]
+
+
+@compiled
+@no_type_check
+def learn_by_distance(
+    weights, active, strengths, targets, rates, gammas, exponents, order, ranked, pull, speaking, stops, history
+):
+    """Changes a map of any skin in place, a step a sample: ``w_i += rate max_c(s_c h(d_ic)) (target - w_i)``.
+
+    Args:
+        weights: (m, taxels) the map.
+        active: (steps, contacts) taxels felt at a step, those first that are; -1: none.
+        strengths: (steps, contacts) logarithm of how strongly each is felt, 0 of the strongest.
+        targets: (steps, m).
+        rates: (steps,) learning rate.
+        gammas: (steps,) width of the kernel.
+        exponents: (taxels, taxels) logarithm of the kernel at gamma = 1.
+        order: (taxels, taxels) taxels from each, the nearest first.
+        ranked: (taxels, taxels) their exponents.
+        pull: (taxels,): room for the pull.
+        speaking: (steps, taxels) taxels that learn at a step; with no steps, all do.
+        stops: (snapshots,) steps after which the map is kept, ascending.
+        history: (snapshots, taxels, m) where to.
+    """
+    m, taxels = weights.shape
+    contacts = active.shape[1]
+    # What pulls less than this is lost in the rounding of a weight.
+    least = -37.0
+    done = 0
+    for snapshot in range(len(stops)):
+        for step in range(done, stops[snapshot]):
+            first = active[step, 0]
+            if first < 0:
+                continue
+            gamma, rate = gammas[step], rates[step]
+            if contacts == 1 or active[step, 1] < 0:
+                # One taxel: no farther than its kernel reaches.
+                for rank in range(taxels):
+                    exponent = ranked[first, rank] / gamma
+                    if exponent < least:
+                        break
+                    taxel = order[first, rank]
+                    one = rate * math.exp(exponent)
+                    if len(speaking):
+                        one *= speaking[step, taxel]
+                    for axis in range(m):
+                        weight = weights[axis, taxel]
+                        weights[axis, taxel] = weight + one * (targets[step, axis] - weight)
+                continue
+            for taxel in range(taxels):
+                pull[taxel] = exponents[first, taxel] / gamma + strengths[step, 0]
+            for contact in range(1, contacts):
+                other = active[step, contact]
+                if other < 0:
+                    break
+                for taxel in range(taxels):
+                    pull[taxel] = max(pull[taxel], exponents[other, taxel] / gamma + strengths[step, contact])
+            for taxel in range(taxels):
+                pull[taxel] = rate * math.exp(pull[taxel]) if pull[taxel] >= least else 0.0
+            if len(speaking):
+                for taxel in range(taxels):
+                    pull[taxel] *= speaking[step, taxel]
+            for axis in range(m):
+                target = targets[step, axis]
+                for taxel in range(taxels):
+                    weight = weights[axis, taxel]
+                    weights[axis, taxel] = weight + pull[taxel] * (target - weight)
+        done = stops[snapshot]
+        for axis in range(m):
+            for taxel in range(taxels):
+                history[snapshot, taxel, axis] = weights[axis, taxel]
