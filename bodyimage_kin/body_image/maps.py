@@ -296,11 +296,9 @@ def _learn_on_skin(
     """Every snapshot of a map over any skin, by distances between its taxels."""
     weights = np.ascontiguousarray(initial.T)
     history = np.empty((len(snapshots), *initial.shape))
-    order = np.argsort(-exponents, axis=1, kind="stable")
-    ranked = np.take_along_axis(exponents, order, axis=1)
     everybody = np.empty((0, len(initial)), dtype=bool)
     learn_by_distance(
-        weights, active, strengths, targets, rates, gammas, exponents, order, ranked, np.empty(len(initial)),
+        weights, active, strengths, targets, rates, gammas, exponents, np.empty(len(initial)),
         everybody if speaking is None else speaking, np.array(snapshots), history,
     )  # fmt: skip
     return history
