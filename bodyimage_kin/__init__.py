@@ -38,7 +38,9 @@ if TYPE_CHECKING:
     from bodyimage_kin.body.file import embodiments as embodiments
     from bodyimage_kin.body.file import load_embodiment as load_embodiment
     from bodyimage_kin.body_image import BodyImage as BodyImage
+    from bodyimage_kin.body_image import BodyImageDraws as BodyImageDraws
     from bodyimage_kin.body_image import integrate as integrate
+    from bodyimage_kin.body_image import integrate_draws as integrate_draws
     from bodyimage_kin.calibration import calibrate as calibrate
     from bodyimage_kin.calibration import next_postures as next_postures
     from bodyimage_kin.errors import BodyImageKinError as BodyImageKinError
@@ -60,6 +62,7 @@ if TYPE_CHECKING:
 # Public name -> the module that it is, or module:name. ``backends`` is a module that can be called: it lists them.
 _PUBLIC = {
     "BodyImage": "body_image:BodyImage",
+    "BodyImageDraws": "body_image:BodyImageDraws",
     "BodyImageKinError": "errors:BodyImageKinError",
     "Camera": "body:Camera",
     "Drag": "recordings:Drag",
@@ -85,6 +88,7 @@ _PUBLIC = {
     "experience": "recordings:experience",
     "figures": "figures",
     "integrate": "body_image:integrate",
+    "integrate_draws": "body_image:integrate_draws",
     "kinematics": "backends:kinematics",
     "load_embodiment": "body.file:load_embodiment",
     "load_learned": "estimators:load_learned",

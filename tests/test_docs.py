@@ -38,6 +38,12 @@ assert chosen.q.shape == (10, body.p)
 """
 
 
+UNCERTAIN = """
+assert maps.covariance.shape == (21, 21, 2, 2)
+assert scores["error"] > 0
+"""
+
+
 EXTENDED = """
 assert scores.relative_error.sel(probe="training").item() < 1.0
 assert other.camera.model.unit == "px"
@@ -83,6 +89,7 @@ assert (touch["touched"] >= 0).mean() > 0.7
         pytest.param(ROOT / "README.md", PROMISES, id="README.md"),
         pytest.param(DOCS / "quickstart.md", PROMISES, id="quickstart.md"),
         pytest.param(DOCS / "calibration.md", CALIBRATED, id="calibration.md"),
+        pytest.param(DOCS / "uncertainty.md", UNCERTAIN, id="uncertainty.md"),
         pytest.param(DOCS / "your_own_robot.md", OWN_ROBOT, id="your_own_robot.md"),
         pytest.param(DOCS / "skins.md", SKINS, id="skins.md"),
         pytest.param(DOCS / "extend.md", EXTENDED, id="extend.md"),

@@ -1,5 +1,7 @@
 """From a learned Jacobian to a body image: integration of the unseen hand, and the maps learned from it."""
 
+from bodyimage_kin.body_image.doubt import BodyImageDraws as BodyImageDraws
+from bodyimage_kin.body_image.doubt import integrate_draws as integrate_draws
 from bodyimage_kin.body_image.hebbian import HebbianMap as HebbianMap
 from bodyimage_kin.body_image.hebbian import hebbian_map as hebbian_map
 from bodyimage_kin.body_image.integration import integrate as integrate
@@ -11,6 +13,7 @@ from bodyimage_kin.body_image.posture_to_image import PostureToImage as PostureT
 
 __all__ = [
     "BodyImage",
+    "BodyImageDraws",
     "HebbianMap",
     "PostureSOM",
     "PostureToImage",
@@ -18,4 +21,5 @@ __all__ = [
     "expected_map",
     "hebbian_map",
     "integrate",
+    "integrate_draws",
 ]

@@ -20,6 +20,7 @@ from bodyimage_kin.estimators.conformal import Conformal, ConformalJacobian
 from bodyimage_kin.estimators.ensemble import Ensemble, EnsembleJacobian
 from bodyimage_kin.estimators.gaussian_process import GaussianProcess, RadialDraw, RadialImage, RadialProcess
 from bodyimage_kin.estimators.given import Given, GivenImage, GivenJacobian, Saved
+from bodyimage_kin.estimators.kernel_ridge import KernelDraw, KernelImage, KernelProcess, KernelRidge
 from bodyimage_kin.estimators.least_squares import ConstantJacobian, LeastSquares
 from bodyimage_kin.estimators.neighbours import LocallyWeighted, NearestNeighbours, NeighbourJacobian, WeightedJacobian
 from bodyimage_kin.estimators.networks import (
@@ -34,13 +35,14 @@ from bodyimage_kin.estimators.online import Broyden, Kalman, RecursiveLeastSquar
 from bodyimage_kin.estimators.paper_mlp import DisplacementNetwork, PaperMLP
 from bodyimage_kin.estimators.rational import RationalImage, RationalPolynomial, RationalProcess, RationalTrig
 from bodyimage_kin.estimators.ridge import Ridge, RidgeJacobian
-from bodyimage_kin.estimators.self_calibration import CalibratedChain, SelfCalibration
+from bodyimage_kin.estimators.self_calibration import CalibratedBody, CalibratedChain, SelfCalibration
 
 __all__ = [
     "Analytic",
     "BasisImage",
     "BasisProcess",
     "Broyden",
+    "CalibratedBody",
     "CalibratedChain",
     "Conformal",
     "ConformalJacobian",
@@ -58,6 +60,10 @@ __all__ = [
     "HasDisplacement",
     "JacobianNetwork",
     "Kalman",
+    "KernelDraw",
+    "KernelImage",
+    "KernelProcess",
+    "KernelRidge",
     "Learned",
     "LearnedImage",
     "LearnedJacobian",
@@ -109,6 +115,7 @@ _SPECS: tuple[type[Estimator], ...] = (
     Polynomial,
     RationalTrig,
     RationalPolynomial,
+    KernelRidge,
     GaussianProcess,
     Broyden,
     RecursiveLeastSquares,

@@ -1,4 +1,4 @@
-"""What the hand does: the three motions of the paper, and the base of any other.
+"""What the hand does: the three motions of the paper, others in view of the eye, and the base of any other.
 
 A motion is a frozen spec. It says where the hand is led; :func:`bodyimage_kin.simulate` says how the arm follows, what
 is felt of it and what disturbs it. A motion of your own is a frozen dataclass with a ``path``::
@@ -19,19 +19,26 @@ import dataclasses
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
+from jaxtyping import Float
 
 from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.recordings.paths import Path, Timeline
+from bodyimage_kin.recordings.paths import Path, Timeline, along, lengths
 
-__all__ = ["TOUR", "Circle", "FaceTour", "Motion", "Path", "RandomTouch"]
+__all__ = ["TOUR", "Babbling", "Circle", "Circles", "FaceTour", "Lissajous", "Motion", "Path", "RandomTouch"]
 
+MOST_SAMPLES = 10**6
+"""Of one trial of a motion."""
 TOUR = ("mouth", "nose", "right_eye", "left_eye", "nose")
 """The paper's sequence of landmarks (section 4.1)."""
+
+_FINE = 20_000
+"""Pieces of a figure along which its length is measured."""
+_Knots: TypeAlias = Float[np.ndarray, "knots"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +94,14 @@ class Motion(abc.ABC):
             value = _checks.number(f"{type(self).__name__}: {name}", getattr(self, name), **bounds)
             object.__setattr__(self, name, value)
 
+    def _refuse_endless(self, seconds: float, remedy: str) -> None:
+        """Refuses a trial of more samples than a recording can hold."""
+        if not seconds / self.sampling <= MOST_SAMPLES:
+            raise InvalidConfig(
+                f"{type(self).__name__}: a trial of {seconds:.3g} s, sampled every {self.sampling:g} s, has more than "
+                f"{MOST_SAMPLES} samples; give {remedy}"
+            )
+
 
 @dataclass(frozen=True)
 class Circle(Motion):
@@ -111,6 +126,12 @@ class Circle(Motion):
         super().__post_init__()
         self._positive("radius", "turns")
         self._not_negative("distance")
+        self._refuse_endless(4 * np.pi * self.turns * (self.radius / self.speed), "fewer turns or a smaller radius")
+
+    @property
+    def duration(self) -> float:
+        """Of a trial, both ways [s]."""
+        return 4 * np.pi * self.turns * self.radius / self.speed
 
     def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
         """The circles, from a random phase."""
@@ -123,6 +144,153 @@ class Circle(Motion):
         # Clockwise first, as the eye behind the screen sees it: right, then down.
         aside = np.cos(angle)[:, None] * frame.right + np.sin(angle)[:, None] * frame.down
         return Path(frame.origin + self.radius * aside)
+
+
+@dataclass(frozen=True)
+class Circles(Motion):
+    """Circles at several distances, and of several radii, in view: first all of them one way, then the way back.
+
+    A monocular eye tells depth only by how the image moves with it: a learner that saw one distance takes it for all
+    (:class:`Circle`). From one circle to the next the hand goes straight, without turning, at the same speed.
+
+    Attributes:
+        distances: Of each circle, as of :class:`Circle` [m].
+        radii: Of each circle, or one for all [m].
+        turns: Of each circle, each way.
+    """
+
+    distances: Sequence[float] = (0.02, 0.05, 0.10)
+    radii: Sequence[float] = (0.05,)
+    turns: float = 1.0
+    in_view: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("turns")
+        distances = _checks.numbers_of("Circles: distances", self.distances, least=0.0)
+        radii = _checks.numbers_of("Circles: radii", self.radii, above=0.0)
+        if not distances:
+            _checks.refuse("Circles: distances", self.distances, "one distance or more")
+        if len(radii) not in (1, len(distances)):
+            _checks.refuse("Circles: radii", self.radii, f"one for all, or {len(distances)}, one a distance")
+        object.__setattr__(self, "distances", distances)
+        object.__setattr__(self, "radii", radii)
+
+    @property
+    def duration(self) -> float:
+        """Of a trial, both ways [s]."""
+        return float(2 * self._knots()[0][-1] / self.speed)
+
+    def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
+        """The circles, from a random phase."""
+        frame = body.circle_frame(self.distances[0])
+        way, turned, radius, ahead = self._knots()
+        times = np.arange(0.0, 2 * way[-1] / self.speed + 1e-9, sampling)
+        gone = np.minimum(times * self.speed, 2 * way[-1] - times * self.speed)
+        angle = rng.uniform(0, 2 * np.pi) + np.interp(gone, way, turned)
+        aside = np.cos(angle)[:, None] * frame.right + np.sin(angle)[:, None] * frame.down
+        centre = frame.origin + (np.interp(gone, way, ahead) - ahead[0])[:, None] * frame.forward
+        return Path(centre + np.interp(gone, way, radius)[:, None] * aside)
+
+    def _knots(self) -> tuple[_Knots, _Knots, _Knots, _Knots]:
+        """One way: length of the way so far, angle turned, radius and distance; each linear from knot to knot."""
+        radii = np.broadcast_to(np.array(self.radii), len(self.distances))
+        knots = [(0.0, 0.0, float(radii[0]), self.distances[0])]
+        for radius, distance in zip(radii, self.distances, strict=True):
+            way, turned, last_radius, last_distance = knots[-1]
+            way += float(np.hypot(radius - last_radius, distance - last_distance))
+            knots.append((way, turned, float(radius), distance))
+            angle = 2 * np.pi * self.turns
+            knots.append((way + angle * float(radius), turned + angle, float(radius), distance))
+        way, turned, radius, ahead = np.array(knots).T
+        return way, turned, radius, ahead
+
+
+@dataclass(frozen=True)
+class Lissajous(Motion):
+    """A figure that fills a box in view: each coordinate swings at a rate of its own.
+
+    ``width sin(a t)`` to the right, ``height sin(b t + pi/3)`` down and ``depth sin(c t + 2 pi/3)`` ahead, at constant
+    speed; each trial begins somewhere else on it.
+
+    Attributes:
+        distance: Of the box's middle, as of :class:`Circle` [m].
+        width: Half the box's size to the right [m].
+        height: Half its size downwards [m].
+        depth: Half its size ahead [m].
+        rates: The whole numbers a, b, c, whose ratio alone counts.
+        duration: Of a trial [s].
+    """
+
+    distance: float = 0.06
+    width: float = 0.04
+    height: float = 0.04
+    depth: float = 0.04
+    rates: Sequence[int] = (5, 4, 3)
+    duration: float = 40.0
+    in_view: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("width", "height", "duration")
+        self._not_negative("distance")
+        self._check(("depth",), least=0.0, most=self.distance)
+        if not isinstance(self.rates, list | tuple | np.ndarray) or len(self.rates) != 3:
+            _checks.refuse("Lissajous: rates", self.rates, "three whole numbers")
+        rates = tuple(_checks.whole(f"Lissajous: rates[{i}]", rate, least=1) for i, rate in enumerate(self.rates))
+        object.__setattr__(self, "rates", rates)
+
+    def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
+        """The figure, from a random place on it."""
+        frame = body.circle_frame(self.distance)
+        phase = np.linspace(0.0, 2 * np.pi, _FINE + 1)
+        swings = np.sin(phase[:, None] * np.array(self.rates) + np.array([0.0, 1.0, 2.0]) * np.pi / 3)
+        figure = swings * np.array([self.width, self.height, self.depth])
+        length = lengths(figure)
+        times = np.arange(0.0, self.duration - 1e-9, sampling)
+        gone = (rng.uniform(0.0, length[-1]) + self.speed * times) % length[-1]
+        return Path(along(frame.origin, (frame.right, frame.down, frame.forward), figure, length, gone))
+
+
+@dataclass(frozen=True)
+class Babbling(Motion):
+    """The hand goes straight to one place after another, drawn at random from a cylinder in view.
+
+    Places are uniform over the cylinder's volume. It is the hand that babbles: joints that a place leaves free stay
+    near their rest posture.
+
+    Attributes:
+        nearest: Distance of the cylinder's near end, as of :class:`Circle` [m].
+        farthest: Distance of its far end [m].
+        radius: Of the cylinder [m].
+        duration: Of a trial [s].
+    """
+
+    nearest: float = 0.02
+    farthest: float = 0.10
+    radius: float = 0.05
+    duration: float = 40.0
+    in_view: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("radius", "duration")
+        self._not_negative("nearest")
+        self._check(("farthest",), least=self.nearest)
+
+    def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
+        """From place to place."""
+        frame = body.circle_frame(self.nearest)
+        places: list[np.ndarray] = []
+        way = 0.0
+        while way <= self.speed * self.duration:
+            angle, aside = rng.uniform(0.0, 2 * np.pi), self.radius * np.sqrt(rng.uniform())
+            ahead = (self.farthest - self.nearest) * rng.uniform()
+            places.append(np.array([aside * np.cos(angle), aside * np.sin(angle), ahead]))
+            way += float(np.linalg.norm(places[-1] - places[-2])) if len(places) > 1 else 0.0
+        stops = np.array(places)
+        gone = self.speed * np.arange(0.0, self.duration - 1e-9, sampling)
+        return Path(along(frame.origin, (frame.right, frame.down, frame.forward), stops, lengths(stops), gone))
 
 
 @dataclass(frozen=True)
@@ -165,6 +333,7 @@ class FaceTour(Motion):
         timeline = Timeline(body, self.speed)
         for start, end in itertools.pairwise(stops):
             timeline.stroke(start, end, lambda s: 10 * s**3 - 15 * s**4 + 6 * s**5)
+        self._refuse_endless(timeline.clock, "a higher speed")
         return timeline.sampled(sampling, timeline.clock)
 
 
@@ -192,6 +361,7 @@ class RandomTouch(Motion):
         super().__post_init__()
         self._positive("duration", "rest", *(() if self.reset_interval is None else ("reset_interval",)))
         self._check(("silence",), least=0.0, most=1.0)
+        self._refuse_endless(self.duration, "a shorter duration")
 
     def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
         """Strokes between random taxels."""

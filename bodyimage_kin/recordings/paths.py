@@ -16,7 +16,7 @@ from bodyimage_kin._shown import Shown
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 
-__all__ = ["Coordinates", "Path", "Timeline"]
+__all__ = ["Coordinates", "Path", "Timeline", "along", "lengths"]
 
 Coordinates = Float[np.ndarray, "count d"]
 _FINE = 64
@@ -47,6 +47,31 @@ class Path(Shown):
     def resting(self) -> Bool[np.ndarray, "time"]:
         """(time,) whether the hand rests at the reference taxel."""
         return np.zeros(len(self.centres), dtype=bool) if self.at_reference is None else np.asarray(self.at_reference)
+
+
+def lengths(places: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, "places"]:
+    """Length of the way to each place [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+
+
+def along(
+    origin: Float[np.ndarray, "3"],
+    axes: tuple[Float[np.ndarray, "3"], ...],
+    places: Float[np.ndarray, "places 3"],
+    length: Float[np.ndarray, "places"],
+    gone: Float[np.ndarray, "time"],
+) -> Float[np.ndarray, "time 3"]:
+    """Where one is on a straight way from place to place once so much of it is gone.
+
+    Args:
+        origin: Of the places [m].
+        axes: Three unit vectors, along which places are told.
+        places: [m].
+        length: Of the way to each [m].
+        gone: [m].
+    """
+    told = np.stack([np.interp(gone, length, places[:, axis]) for axis in range(3)], axis=1)
+    return np.asarray(origin + told @ np.stack(axes))
 
 
 class Timeline:

@@ -3,6 +3,7 @@
 from bodyimage_kin.study.context import Context, Fact, Score, WrongResult
 from bodyimage_kin.study.facts import FACTS
 from bodyimage_kin.study.grid import Row, Simulation
+from bodyimage_kin.study.held_out import held_out_scores, noise_of
 from bodyimage_kin.study.results import read_study, recording_of
 from bodyimage_kin.study.scores import SCORES
 from bodyimage_kin.study.scoring import PROBES, score
@@ -23,7 +24,9 @@ __all__ = [
     "chain",
     "compare",
     "failures",
+    "held_out_scores",
     "markdown_table",
+    "noise_of",
     "read_study",
     "recording_of",
     "score",

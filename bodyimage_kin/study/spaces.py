@@ -71,6 +71,11 @@ SPACES: Mapping[str, Table] = {
         "roughness": {"log_uniform": [1.0, 256.0]},
         "iterations": {"choice": [1, 2, 4]},
     },
+    "KernelRidge": {
+        "kernel": {"choice": ["trigonometric", "periodic", "gaussian"]},
+        "penalty": {"choice": [None, 1e-9, 1e-7, 1e-5, 1e-3, 1e-1]},
+        "most": {"choice": [125, 250, 500]},
+    },
     "GaussianProcess": {
         "kernel": {"choice": ["trigonometric", "radial"]},
         "degree": {"choice": [1, 2, 3, 4, 5]},
@@ -90,7 +95,7 @@ SPACES: Mapping[str, Table] = {
     "Ensemble": {},
     "Conformal": {},
     # The spreads are no settings but prior knowledge: how well the body is known beforehand.
-    "SelfCalibration": {"starts": {"log_uniform": [1, 6]}, "steps": {"log_uniform": [20, 100]}},
+    "SelfCalibration": {"robust": {"choice": [True, False]}, "steps": {"log_uniform": [20, 100]}},
     # The truth, and what was learned elsewhere.
     "Analytic": {},
     "Given": {},

@@ -1,4 +1,4 @@
-"""What is in the published tables of skins: ``python comparisons/skins/run.py --data FOLDER``, a table beside this file.
+"""What the published tables of skins hold: ``python comparisons/skins/run.py --data FOLDER``, a table beside this file.
 
 FOLDER has ``icub_skin/``, the text files of ``app/skinGui/conf/positions`` of ``robotology/icub-main``, and ``nao/``
 with the folder ``Transformations`` of the robot ``nao`` in ``ctu-vras/multirobot-calibration``, both on GitHub.

@@ -19,6 +19,7 @@ SPECS = {
     "LocallyWeighted": estimators.LocallyWeighted(),
     "TrigRidge": estimators.TrigRidge(),
     "Polynomial": estimators.Polynomial(),
+    "KernelRidge": estimators.KernelRidge(most=60),
     "RationalTrig": estimators.RationalTrig(degree=2),
     "RationalPolynomial": estimators.RationalPolynomial(),
     "GaussianProcess": estimators.GaussianProcess(degree=2, most=60),

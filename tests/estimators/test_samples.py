@@ -176,6 +176,7 @@ EVERY = {
     "LocallyWeighted": estimators.LocallyWeighted(),
     "TrigRidge": estimators.TrigRidge(degree=2),
     "Polynomial": estimators.Polynomial(degree=2),
+    "KernelRidge": estimators.KernelRidge(),
     "RationalTrig": estimators.RationalTrig(degree=2),
     "RationalPolynomial": estimators.RationalPolynomial(),
     "GaussianProcess": estimators.GaussianProcess(degree=2, most=40),

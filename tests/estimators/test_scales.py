@@ -21,6 +21,7 @@ SPECS = {
     "LocallyWeighted": estimators.LocallyWeighted(),
     "TrigRidge": estimators.TrigRidge(),
     "Polynomial": estimators.Polynomial(),
+    "KernelRidge": estimators.KernelRidge(most=100),
     "RationalTrig": estimators.RationalTrig(),
     "RationalPolynomial": estimators.RationalPolynomial(),
     "GaussianProcess": estimators.GaussianProcess(most=150),
@@ -34,7 +35,7 @@ SPECS = {
 LEARNED_ALREADY = {"Given", "Saved", "Nominal"}
 BODIES = {"SelfCalibration", "Analytic"}
 """Their images are those of a camera: no axis has a unit of its own."""
-ANGLES = {"TrigRidge", "RationalTrig", "GaussianProcess"}
+ANGLES = {"TrigRidge", "RationalTrig", "GaussianProcess", "KernelRidge"}
 """They read joints as angles: ten times a joint is another chain. A tenth of one is nearly a straight line."""
 
 
