@@ -1,4 +1,4 @@
-"""Seen data that are hidden from a learner, to judge how far it reaches beyond: regions of the image, or folds.
+"""Seen data that are hidden from a learner, to judge how far it reaches beyond: what lies farthest, regions, folds.
 
 A learned Jacobian is used where the eye does not see. Samples held out one by one would flatter any learner, for
 neighbours in time are nearly copies; and so would stretches of time, for a motion that comes by the same place on its
@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from bodyimage_kin._checks import whole
+from bodyimage_kin._checks import number, whole
 from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.estimators import Pairs, edges, fold_of_each, pairs
@@ -22,7 +22,7 @@ from bodyimage_kin.estimators import Pairs, edges, fold_of_each, pairs
 RUNS = 20
 """Stretches that are resampled at least: of five folds no interval could be told."""
 
-__all__ = ["HeldOut", "all_hidden", "hold_out", "hold_out_folds", "image_regions"]
+__all__ = ["HeldOut", "all_hidden", "hold_out", "hold_out_far", "hold_out_folds", "image_regions"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,43 @@ def hold_out(exp: xr.Dataset, regions: int) -> list[HeldOut]:
     region = np.full(seen.shape, -1)
     region[seen] = image_regions(image[seen].astype(np.float64), regions)
     return _hidden_in_turn(exp, region, regions, "region")
+
+
+def hold_out_far(
+    exp: xr.Dataset, draws: int = 4, *, share: float = 0.25, gap: float = 0.1, seed: int = 0
+) -> list[HeldOut]:
+    """What lies farthest from the rest of what was seen is hidden: whoever foretells it extrapolates.
+
+    Postures are laid along a direction of joint space, drawn at random; the farthest are hidden, and those between them
+    and the rest are left out of both. A circle whose postures lie along its depth loses its nearest or farthest part;
+    of several circles, one goes.
+
+    Args:
+        exp: An experience.
+        draws: How many directions; what differs between them says how much the direction matters.
+        share: Of the samples that is hidden, the farthest.
+        gap: Of the samples that is left out beside.
+        seed: Of the directions; the first ones are those of fewer.
+
+    Raises:
+        InvalidRecording: As :func:`hold_out`.
+        InvalidConfig: No draws, or shares that leave nothing.
+    """
+    whole("draws", draws, least=1)
+    number("share", share, above=0.0, below=1.0)
+    number("gap", gap, least=0.0, below=1.0 - share)
+    q, image = exp["q"].values.astype(np.float64), exp["hand_image"].values
+    seen = np.isfinite(q).all(-1) & np.isfinite(image).all(-1)
+    rng = np.random.default_rng(whole("seed", seed, least=0))
+    found = []
+    for draw in range(draws):
+        along = q[seen] @ rng.standard_normal(q.shape[-1])
+        # 0 is hidden, 1 left out of both.
+        part = np.full(seen.shape, 2)
+        far, near = np.quantile(along, [1.0 - share, 1.0 - share - gap]) if len(along) else (np.nan, np.nan)
+        part[seen] = np.where(along > far, 0, np.where(along > near, 1, 2))
+        found.append(_parted(exp, part == 2, part == 0, _runs(exp, part), f"draw {draw} of {draws}"))
+    return found
 
 
 def hold_out_folds(exp: xr.Dataset, folds: int = 5) -> list[HeldOut]:
@@ -122,18 +159,27 @@ def image_regions(image: Float[np.ndarray, "count m"], regions: int) -> Int[np.n
 
 def _hidden_in_turn(exp: xr.Dataset, part: Int[np.ndarray, "trial time"], parts: int, what: str) -> list[HeldOut]:
     runs = _runs(exp, part)
-    found = []
-    for hidden in range(parts):
-        try:
-            seen = _only(exp, part != hidden)
-            one = _hidden(exp, seen, part == hidden, runs)
-            pairs(seen)
-        except InvalidRecording as problem:
-            raise InvalidRecording(f"{what} {hidden} of {parts} cannot be held out: {problem}") from None
-        if not one.hidden.dr.any():
-            raise InvalidRecording(f"{what} {hidden} of {parts} cannot be held out: the hand image rests in it")
-        found.append(one)
-    return found
+    return [
+        _parted(exp, part != hidden, part == hidden, runs, f"{what} {hidden} of {parts}") for hidden in range(parts)
+    ]
+
+
+def _parted(
+    exp: xr.Dataset,
+    kept: Bool[np.ndarray, "trial time"],
+    hidden: Bool[np.ndarray, "trial time"],
+    runs: Int[np.ndarray, "trial time"],
+    what: str,
+) -> HeldOut:
+    try:
+        seen = _only(exp, kept)
+        one = _hidden(exp, seen, hidden, runs)
+        pairs(seen)
+    except InvalidRecording as problem:
+        raise InvalidRecording(f"{what} cannot be held out: {problem}") from None
+    if not one.hidden.dr.any():
+        raise InvalidRecording(f"{what} cannot be held out: the hand image rests in it")
+    return one
 
 
 def _hidden(
@@ -156,8 +202,8 @@ def _runs(exp: xr.Dataset, part: Int[np.ndarray, "trial time"]) -> Int[np.ndarra
     run = np.full(part.shape, -1)
     numbers = np.unique(block[part >= 0])
     pieces = -(-RUNS // max(len(numbers), 1))
-    for index, number in enumerate(numbers):
-        here = (block == number) & (part >= 0)
+    for index, own in enumerate(numbers):
+        here = (block == own) & (part >= 0)
         count = int(here.sum())
         run[here] = index * pieces + np.arange(count) * min(pieces, count) // max(count, 1)
     return run
