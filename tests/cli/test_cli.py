@@ -18,6 +18,14 @@ COMMANDS = (
     *("reproduce", "study", "report", "simulate", "import", "fit", "score", "calibrate", "next"),
     *("embodiment", "view", "conform", "doctor"),
 )
+
+
+def test_help_names_every_command_and_imports_nothing_heavy():
+    code = (
+        "import sys\nfrom bodyimage_kin import cli\n"
+        "try:\n    cli.main(['--help'])\nexcept SystemExit as end:\n    assert end.code == 0\n"
+        "assert not {'torch', 'numpy', 'pinocchio', 'matplotlib'} & set(sys.modules)\n"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     for command in COMMANDS:
         assert f"• {command} " in done.stdout
