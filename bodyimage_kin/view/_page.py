@@ -63,6 +63,7 @@ class Page:
         self._drawing = _Drawing(self.server, scene)
         self._build()
         self.show()
+        self._drawing.look_at(scene.posture(scene.body.felt_home))
 
     @property
     def address(self) -> str:
@@ -167,6 +168,7 @@ class _Drawing:
     def __init__(self, server: viser.ViserServer, scene: Scene) -> None:
         self.scene = scene
         add = self.add = server.scene
+        self.viewpoint = server.initial_camera
         add.set_up_direction("+z")
         add.configure_default_lights()
         self.size = _size_of(scene)
@@ -247,6 +249,13 @@ class _Drawing:
                 handle.colors = np.broadcast_to(colour, segments.shape).astype(np.uint8)
                 handle.points = segments.astype(np.float32)
 
+    def look_at(self, moment: Moment) -> None:
+        """Puts the viewer obliquely before the hand, so near that the camera's picture is seen as well."""
+        across = moment.camera[:3, :3] @ np.array([-0.55, -0.3, 0.8])
+        middle = (moment.hand + moment.camera[:3, 3]) / 2
+        self.viewpoint.look_at = middle
+        self.viewpoint.position = middle + 0.5 * self.size * across / np.linalg.norm(across)
+
     def _skin_pose(self, moment: Moment) -> Float[np.ndarray, "4 4"]:
         link = self.scene.body.require_skin().link
         if link in moment.links:
@@ -289,9 +298,7 @@ def export(scene: Scene, path: Path, recording: str, estimator: str, frames: int
         shown = stops[np.unique(np.linspace(0, len(stops) - 1, frames).astype(int))] if len(stops) else []
         first = scene.moment(recording, int(shown[0]), estimator, colouring) if len(shown) else None
         drawing.show(first or scene.posture(scene.body.felt_home, estimator, colouring))
-        look = first.hand if first is not None else scene.body.hand_position(scene.body.felt_home).numpy()
-        server.initial_camera.look_at = look
-        server.initial_camera.position = look + drawing.size * np.array([1.1, 0.7, 0.5])
+        drawing.look_at(first or scene.posture(scene.body.felt_home))
         serializer = server.get_scene_serializer()
         for index in shown[1:]:
             serializer.insert_sleep(0.1)
