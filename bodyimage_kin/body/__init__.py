@@ -17,6 +17,9 @@ from bodyimage_kin.body.proposal import Proposal as Proposal
 from bodyimage_kin.body.proposal import propose as propose
 from bodyimage_kin.body.skin import Patch as Patch
 from bodyimage_kin.body.skin import Skin as Skin
+from bodyimage_kin.body.taxel_tables import TaxelTable as TaxelTable
+from bodyimage_kin.body.taxel_tables import read_icub_taxels as read_icub_taxels
+from bodyimage_kin.body.taxel_tables import read_nao_taxels as read_nao_taxels
 
 __all__ = [
     "Camera",
@@ -30,10 +33,13 @@ __all__ = [
     "Proposal",
     "Skin",
     "Stereo",
+    "TaxelTable",
     "Tracker",
     "VirtualScreen",
     "check_embodiment",
     "embodiments",
     "load_embodiment",
     "propose",
+    "read_icub_taxels",
+    "read_nao_taxels",
 ]

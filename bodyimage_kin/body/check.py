@@ -61,7 +61,7 @@ def check_embodiment(
         radius: Of the circle that is to be seen [m].
         distance: Of the circle, as in :meth:`Embodiment.circle_frame` [m]; None: 0.03, or, without a skin, the depth at
             which the hand is at home.
-        mesh_folder: Where meshes may lie, subfolders included; None: beside the URDF.
+        mesh_folder: Where meshes may lie, subfolders included; None: as the robot says, or beside the URDF.
 
     Returns:
         What was found, errors first; nothing of a body that is fit for all.
@@ -232,7 +232,7 @@ def _meshes(body: Embodiment, folder: Path | None) -> Iterator[Finding]:
             if isinstance(shape, Mesh) and shape.filename not in names:
                 names.add(shape.filename)
                 try:
-                    mesh_path(shape, link, body.robot.file, folder)
+                    mesh_path(shape, link, body.robot.file, folder or body.robot.mesh_folder)
                 except BodyImageKinError as problem:
                     missing[shape.filename] = str(problem)
     if missing:

@@ -35,7 +35,7 @@ def vertices_of(
     Args:
         robot: The robot.
         link: Its link.
-        mesh_folder: As of :func:`bodyimage_kin.robot.meshes.triangulate`.
+        mesh_folder: Where meshes may lie, subfolders included; None: where the robot says.
         problems: Why shapes were left out is added to it.
 
     Returns:
@@ -45,7 +45,7 @@ def vertices_of(
     found = []
     for element in geometry.collisions or geometry.visuals:
         try:
-            corners = np.asarray(triangulate(element.shape, link, robot.file, mesh_folder).vertices)
+            corners = np.asarray(triangulate(element.shape, link, robot.file, mesh_folder or robot.mesh_folder).vertices)
         except BodyImageKinError as problem:
             if problems is not None:
                 problems.append(str(problem))
@@ -63,7 +63,7 @@ class Hulls:
 
     Attributes:
         robot: The robot.
-        mesh_folder: Where meshes may lie, subfolders included; None: beside the URDF.
+        mesh_folder: Where meshes may lie, subfolders included; None: where the robot says.
     """
 
     robot: Robot

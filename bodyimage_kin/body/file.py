@@ -75,8 +75,7 @@ def save_embodiment(body: Embodiment, path: str | Path) -> Path:
     path = Path(path)
     if path.suffix != ".toml":
         raise InvalidConfig(f"'{path}' is no name of an embodiment's file; let it end in .toml")
-    urdf = _robot_beside(body.robot, path)
-    write_text(path, body.to_toml(urdf))
+    write_text(path, body.to_toml(_robot_beside(body.robot, path)))
     return path
 
 
@@ -98,6 +97,7 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     mistakes = Mistakes(path.name)
     table = Table(values, path.name, mistakes)
     name, urdf = table.text("name"), table.text("urdf", "the robot's file")
+    meshes = table.take("mesh_folder", lambda field, value: path.parent / _checks.text(field, value), default=None)
     joints = table.take("joints", _names, wanted="a list of joint names")
     home, hand = table.table("home", default=None), table.table("hand")
     camera, skin = table.table("camera"), table.table("skin", default=None)
@@ -110,7 +110,8 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     posture: Any = None
     if urdf is not None:
         with mistakes.noted():
-            robot = Robot.from_urdf(package_file(urdf) if urdf.startswith("package:") else path.parent / urdf)
+            place = package_file(urdf) if urdf.startswith("package:") else path.parent / urdf
+            robot = Robot.from_urdf(place, mesh_folder=meshes)
     if robot is not None:
         links = {
             what: one.values["link"]

@@ -87,7 +87,7 @@ def propose(
         skin: The link that bears the skin; None: the camera's, or the nearest above it that has a shape.
         forward: (3,) where the robot looks at home, in the root; None: along x, to the side where the hand moves.
         name: The body's; None: the robot's.
-        mesh_folder: Where meshes may lie, subfolders included; None: beside the URDF.
+        mesh_folder: Where meshes may lie, subfolders included; None: where the robot says.
 
     Returns:
         The body, why it is as it is, and what keeps it from working.

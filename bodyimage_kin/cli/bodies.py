@@ -83,13 +83,12 @@ class New:
         free(self.out, self.overwrite)
         try:
             found = propose(
-                Robot.from_urdf(self.robot),
+                Robot.from_urdf(self.robot, mesh_folder=self.mesh_folder),
                 self.hand,
                 camera=self.camera,
                 skin=self.skin,
                 forward=self.forward,
                 name=self.out.stem,
-                mesh_folder=self.mesh_folder,
             )
         except BodyImageKinError as problem:
             for remark in getattr(problem, "__notes__", ()):
@@ -114,8 +113,8 @@ class New:
         matplotlib.use("agg")
         try:
             figure = figures.row(
-                lambda ax: figures.robot(body, ax=ax, mesh_folder=self.mesh_folder),
-                lambda ax: figures.robot(body, ax=ax, close=True, mesh_folder=self.mesh_folder),
+                lambda ax: figures.robot(body, ax=ax),
+                lambda ax: figures.robot(body, ax=ax, close=True),
                 pictures=True,
             )
         except BodyImageKinError as problem:
