@@ -45,7 +45,7 @@ assert scores["error"] > 0
 
 
 EXTENDED = """
-assert scores.relative_error.sel(probe="training").item() < 1.0
+assert scores.relative_error_use.sel(probe="training").item() < 1.0
 assert other.camera.model.unit == "px"
 """
 

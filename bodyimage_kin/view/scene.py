@@ -127,6 +127,9 @@ class Scene(Shown):
                 raise InvalidConfig(f"scores['{name}'] has {len(values)} values; give one for each of {count} taxels")
         self.surfaces = self._surfaces()
         self._kinematics = kinematics(self.body.robot)
+        self._moved = [name for name in self.surfaces if self._is_moved(name)]
+        rest = [name for name in self.surfaces if name not in self._moved]
+        self._still = {name: self._kinematics.pose(self.body.home, name).numpy() for name in rest}
         self._kept: dict[tuple[str, str, int], _Kept] = {}
         self._learned: dict[tuple[str, str], HasDisplacement] = {}
         home = self.body.felt_home
@@ -219,8 +222,7 @@ class Scene(Shown):
 
     def ghost_links(self) -> list[dict[str, Float[np.ndarray, "4 4"]]]:
         """Where the felt links are in each of the postures that are shown as well."""
-        moved = [name for name in self.surfaces if any(j.name in self.body.joints for j in self.body.robot.path(name))]
-        return [{name: self._poses(q)[name] for name in moved} for q in self.q_ghosts]
+        return [{name: self._poses(q)[name] for name in self._moved} for q in self.q_ghosts]
 
     # Inner -----------------------------------------------------------------------------------------------------------
 
@@ -277,7 +279,14 @@ class Scene(Shown):
 
     def _poses(self, q: Float[np.ndarray, "p"]) -> dict[str, Float[np.ndarray, "4 4"]]:
         whole = self.body.full_posture(torch.from_numpy(np.array(q)))
-        return {name: self._kinematics.pose(whole, name).numpy() for name in self.surfaces}
+        return self._still | {name: self._kinematics.pose(whole, name).numpy() for name in self._moved}
+
+    def _is_moved(self, link: str) -> bool:
+        """Whether felt joints move a link, those that follow them included."""
+        robot = self.body.robot
+        return any(
+            joint.kind != "fixed" and robot.source_of(joint.name)[0] in self.body.joints for joint in robot.path(link)
+        )
 
     def _hand(self, felt: torch.Tensor, at: tuple[xr.Dataset, int, int] | None) -> Float[np.ndarray, "3"]:
         if at is not None and "true_hand_position" in at[0]:
