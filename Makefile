@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 # One math thread a process: results are the same to the bit, and processes do the rest.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: reproduce test test-all bench lint format docs dist clean
+.PHONY: reproduce test test-all bench audit lint format docs dist clean
 
 reproduce: $(READY)  ## the main job: reproduce the paper into $(OUT)
 	$(BIN)/bodyimage-kin reproduce --out $(OUT)
@@ -21,6 +21,9 @@ test-all: $(READY)  ## the slow, exhaustive ones as well
 
 bench: $(READY)  ## speed and accuracy of every kinematics engine installed, written beside comparisons/speed/run.py
 	$(BIN)/python comparisons/speed/run.py
+
+audit: $(READY)  ## every number that a page gives as a result, held against the committed results
+	$(BIN)/python comparisons/audit.py
 
 lint: $(READY)  ## style and types
 	$(BIN)/ruff format --check .

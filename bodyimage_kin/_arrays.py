@@ -145,4 +145,13 @@ def _numbers(values: ArrayLike, what: str, error: type[BodyImageKinError]) -> Sh
         raise error(f"{what} is no array of numbers ({said}); {_REMEDY}") from None
     if array.dtype.kind not in "fiu":
         raise error(f"{what} holds {array.dtype}, not numbers; {_REMEDY}")
+    # Among numbers numpy takes a boolean for 1 or 0.
+    if isinstance(values, list | tuple) and _has_flag(values):
+        raise error(f"{what} holds a bool, not numbers; {_REMEDY}")
     return array
+
+
+def _has_flag(values: list[Any] | tuple[Any, ...]) -> bool:
+    return any(
+        _has_flag(value) if isinstance(value, list | tuple) else isinstance(value, bool | np.bool_) for value in values
+    )

@@ -171,11 +171,16 @@ def _is_flag(value: object) -> bool:
 def _bounds(kind: str, least: float, most: float, above: float | None, below: float | None) -> str:
     said = []
     if math.isfinite(least):
-        said.append(f"of at least {least:g}")
+        said.append(f"of at least {_plain(least)}")
     if above is not None:
-        said.append(f"above {above:g}")
+        said.append(f"above {_plain(above)}")
     if math.isfinite(most):
-        said.append(f"at most {most:g}")
+        said.append(f"at most {_plain(most)}")
     if below is not None:
-        said.append(f"below {below:g}")
+        said.append(f"below {_plain(below)}")
     return " ".join([kind, " and ".join(said)]) if said else kind
+
+
+def _plain(bound: float) -> str:
+    """A bound as people write it: 1000000 and 0.25, not 1e+06."""
+    return f"{bound:.0f}" if bound == round(bound) and abs(bound) < 1e12 else f"{bound:g}"

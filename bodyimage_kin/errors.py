@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from functools import partial
+from typing import Any
 
 __all__ = [
     "BodyImageKinError",
@@ -27,8 +29,24 @@ __all__ = [
 ]
 
 
+_MOST_NAMES = 100
+"""Valid names that an error lists."""
+_LONGEST = 80
+"""Characters of a name that was given, as an error shows it."""
+
+
+def _printable(text: str, kept: str = "") -> str:
+    """A message without what would break its line or speak to a terminal: names come from anybody's files."""
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() or one in kept else repr(one)[1:-1] for one in text)
+
+
 class BodyImageKinError(Exception):
-    """Base of all errors raised on purpose by this package."""
+    """Base of all errors raised on purpose by this package; each says what it says in one line."""
+
+    def __str__(self) -> str:
+        return _printable(super().__str__())
 
 
 class InvalidURDF(BodyImageKinError):
@@ -46,6 +64,9 @@ class InvalidURDF(BodyImageKinError):
         place = ", ".join(part for part in (element, f"line {line}" if line is not None else "") if part)
         super().__init__((f"{place}: " if place else "") + problem + (f"; {remedy}" if remedy else ""))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(type(self), element=self.element, line=self.line, remedy=self.remedy), (self.problem,)
+
 
 class UnknownName(BodyImageKinError):
     """A name that nothing here bears.
@@ -59,11 +80,20 @@ class UnknownName(BodyImageKinError):
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
         self.kind, self.name, self.valid = kind, name, tuple(valid)
-        self.close_matches = tuple(difflib.get_close_matches(str(name), self.valid, n=3))
+        # What is longer is no misspelt name, and takes long to compare.
+        given = str(name) if len(str(name)) <= 2 * _LONGEST else ""
+        self.close_matches = tuple(difflib.get_close_matches(given, self.valid, n=3))
         guess = (
             f"did you mean {' or '.join(repr(match) for match in self.close_matches)}? " if self.close_matches else ""
         )
-        super().__init__(f"no {kind} {name!r}; {guess}valid: {', '.join(self.valid) or '(none)'}")
+        more = f" and {len(self.valid) - _MOST_NAMES} more" if len(self.valid) > _MOST_NAMES else ""
+        listed = ", ".join(self.valid[:_MOST_NAMES]) + more
+        shown = repr(name)
+        shown = shown if len(shown) <= _LONGEST else f"{shown[: _LONGEST - 3]}..."
+        super().__init__(f"no {kind} {shown}; {guess}valid: {listed or '(none)'}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.kind, self.name, self.valid)
 
 
 class InvalidPosture(BodyImageKinError):
@@ -89,7 +119,10 @@ class ManyMistakes(InvalidConfig):
     def __init__(self, place: str, mistakes: Iterable[BodyImageKinError]) -> None:
         self.place, self.mistakes = place, tuple(mistakes)
         lines = "".join(f"\n  {mistake}" for mistake in self.mistakes)
-        super().__init__(f"{place}: {len(self.mistakes)} mistakes:{lines}")
+        super().__init__(f"{_printable(place)}: {len(self.mistakes)} mistakes:{lines}")
+
+    def __str__(self) -> str:
+        return _printable(Exception.__str__(self), kept="\n")
 
     def __reduce__(self) -> tuple[type[ManyMistakes], tuple[str, tuple[BodyImageKinError, ...]]]:
         return type(self), (self.place, self.mistakes)
@@ -133,6 +166,9 @@ class Unreachable(BodyImageKinError):
         self.taxels = tuple(taxels)
         super().__init__(message)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.args[0], self.taxels)
+
 
 class NotDifferentiable(BodyImageKinError):
     """A derivative was asked of something that has none."""
@@ -156,3 +192,6 @@ class OutputRefused(BodyImageKinError):
 
 class DataWarning(UserWarning):
     """Data that cannot carry what is asked of them, in one line: the result is what it is, and not to be trusted."""
+
+    def __str__(self) -> str:
+        return _printable(super().__str__())

@@ -6,9 +6,9 @@ Every joint turns about the z axis of its own frame, or slides along it; what is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import torch
@@ -22,6 +22,8 @@ from bodyimage_kin.robot import Robot
 
 __all__ = ["LinkChain", "TorchBackend", "chain_pose"]
 
+Product: TypeAlias = Callable[[Tensor, Tensor], Tensor]
+"""Of matrices."""
 _BLOCK = 2048
 """Postures at a time on the CPU: few enough for all intermediate values to stay in its caches."""
 
@@ -58,11 +60,10 @@ def chain_pose(
     if q.ndim == 0 or q.shape[-1] != m or (prismatic is not None and len(prismatic) != m):
         raise InvalidArray(f"q {tuple(q.shape)} and prismatic must have one entry for each of the {m} joints")
     batch = q.shape[:-1]
-    with _without_autocast(q.device):
-        steps = _aligned(origins, axes).to(q.dtype)
-        rows = q.reshape(batch.numel(), m).T.contiguous()
-        frame, _ = _run(steps, rows, [False] * m if prismatic is None else list(map(bool, prismatic)))
-        return _pose(frame).T.reshape(*batch, 4, 4)
+    steps = _aligned(origins, axes, _sums).to(q.dtype)
+    rows = q.reshape(batch.numel(), m).T.contiguous()
+    frame, _ = _run(steps, rows, [False] * m if prismatic is None else list(map(bool, prismatic)), _sums)
+    return _pose(frame).T.reshape(*batch, 4, 4)
 
 
 class TorchBackend:
@@ -99,6 +100,11 @@ def _without_autocast(device: torch.device) -> AbstractContextManager[None]:
     if torch.amp.is_autocast_available(device.type) and torch.is_autocast_enabled(device.type):
         return torch.autocast(device.type, enabled=False)
     return nullcontext()
+
+
+def _sums(a: Float[Tensor, "*batch i j"], b: Float[Tensor, "*batch j k"]) -> Float[Tensor, "*batch i k"]:
+    """The product of matrices as sums of products: autocast rounds none of it, on the way back neither."""
+    return (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
 
 
 class LinkChain(NamedTuple):
@@ -187,7 +193,9 @@ def _cross(a: Float[Tensor, "3 m batch"], b: Float[Tensor, "3 m batch"]) -> Floa
     )
 
 
-def _aligned(origins: Float[Tensor, "origins 4 4"], axes: Float[Tensor, "m 3"]) -> Float[Tensor, "steps 4 4"]:
+def _aligned(
+    origins: Float[Tensor, "origins 4 4"], axes: Float[Tensor, "m 3"], product: Product = torch.matmul
+) -> Float[Tensor, "steps 4 4"]:
     """(m + 1, 4, 4): what is fixed before, between and behind joints that turn about, or slide along, their z axes."""
     m = len(axes)
     x, y, z = (axes / torch.linalg.vector_norm(axes, dim=-1, keepdim=True)).unbind(-1)
@@ -206,11 +214,14 @@ def _aligned(origins: Float[Tensor, "origins 4 4"], axes: Float[Tensor, "m 3"]) 
         origins = torch.cat([origins, eye[None]])
     after = torch.cat([align, eye[None]])
     before = torch.cat([eye[None], align.mT])
-    return before @ origins @ after
+    return product(product(before, origins), after)
 
 
 def _run(
-    steps: Float[Tensor, "steps 4 4"], q: Float[Tensor, "m batch"], sliding: Sequence[bool]
+    steps: Float[Tensor, "steps 4 4"],
+    q: Float[Tensor, "m batch"],
+    sliding: Sequence[bool],
+    product: Product = torch.matmul,
 ) -> tuple[Float[Tensor, "4 3 batch"], list[tuple[Float[Tensor, "3 batch"], Float[Tensor, "3 batch"]]]]:
     """The end's frame (axes x, y, z, then the origin, in the root), and every joint's axis and origin."""
     batch = q.shape[-1]
@@ -227,7 +238,7 @@ def _run(
         else:
             s, c = sine[j], cosine[j]
             turned = torch.stack([torch.addcmul(c * x, s, y), torch.addcmul(c * y, s, x, value=-1.0), z, origin])
-        frame = (mixing[j + 1] @ turned.reshape(4, 3 * batch)).reshape(4, 3, batch)
+        frame = product(mixing[j + 1], turned.reshape(4, 3 * batch)).reshape(4, 3, batch)
     return frame, joints
 
 

@@ -43,7 +43,11 @@ def unit_axes(table: Table) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "
     if forward is None or right is None:
         return None
     forward, right = np.array(forward), np.array(right)
-    lengths = float(np.linalg.norm(forward)), float(np.linalg.norm(right))
+    with np.errstate(over="ignore"):
+        lengths = float(np.linalg.norm(forward)), float(np.linalg.norm(right))
+    if max(lengths) == np.inf:
+        table.note(InvalidConfig(f"{table.place}: 'forward' or 'right' is too long for a float64; give unit vectors"))
+        return None
     if min(lengths) < 1e-9 or abs(forward @ right) > 1e-9 * lengths[0] * lengths[1]:
         table.note(InvalidConfig(f"{table.place}: 'forward' and 'right' must be orthogonal and not zero"))
         return None

@@ -24,6 +24,9 @@ from bodyimage_kin.robot.transforms import Vector
 KINDS = {"sphere": Sphere, "box": Box, "cylinder": Cylinder, "capsule": Capsule}
 """The kind of a stated shape in a file -> its class."""
 
+_MOST_TAXELS = 10**6
+"""Of a grid: a ray is cast for each."""
+
 
 def read_skin(table: Table, folder: Path) -> tuple[str, Lay] | None:
     """The link that a skin lies on, and what lays it there; None where something in the table is wrong.
@@ -229,4 +232,10 @@ def _pairs(name: str, value: Any) -> list[list[int]]:
 def _rows_and_columns(name: str, value: Any) -> tuple[int, int]:
     if not isinstance(value, list) or len(value) != 2:
         _checks.refuse(name, value, "[rows, columns], both positive")
-    return _checks.whole(f"{name} rows", value[0], least=1), _checks.whole(f"{name} columns", value[1], least=1)
+    rows, columns = (
+        _checks.whole(f"{name} {what}", count, least=1, most=_MOST_TAXELS)
+        for what, count in zip(("rows", "columns"), value, strict=True)
+    )
+    if rows * columns > _MOST_TAXELS:
+        _checks.refuse(name, value, f"a grid of at most {_MOST_TAXELS} taxels")
+    return rows, columns

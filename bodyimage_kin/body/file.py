@@ -50,6 +50,9 @@ def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type |
         ManyMistakes: Several such things, all told at once.
         InvalidURDF: The robot it names cannot be trusted.
     """
+    given: object = name_or_path
+    if not isinstance(given, str | Path):
+        raise InvalidConfig(f"an embodiment is loaded by its name or from a path, not from {type(given).__name__}")
     path = Path(name_or_path)
     if path.suffix != ".toml":
         if str(name_or_path) not in embodiments():

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float, Shaped
 
+from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording
 
 
@@ -109,7 +110,12 @@ def postures(exp: Any) -> Float[np.ndarray, "trial time p"]:
     Raises:
         InvalidRecording: Not one sample with a posture.
     """
-    q = np.asarray(variable(exp, "q", "trial", "time", "joint"), dtype=np.float64)
+    q = as_float_array(variable(exp, "q", "trial", "time", "joint"), "variable 'q'", error=InvalidRecording)
+    if q.shape[-1] == 0:
+        raise InvalidRecording("the recording has no joint: variable 'q' is empty")
+    for name in ("trial", "time", "axis"):
+        if name in exp.coords and exp[name].dims != (name,):
+            raise InvalidRecording(f"coordinate '{name}' has dimensions {exp[name].dims}; it must have ('{name}',)")
     if not np.isfinite(q).all(axis=-1).any():
         raise InvalidRecording("the recording has no samples: not one posture q is finite")
     return q

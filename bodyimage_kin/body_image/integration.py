@@ -22,6 +22,7 @@ from bodyimage_kin._checks import choice, whole
 from bodyimage_kin.body_image._checks import postures, variable
 from bodyimage_kin.errors import DataWarning, InvalidConfig, InvalidRecording
 from bodyimage_kin.estimators import HasDisplacement
+from bodyimage_kin.recordings import is_scattered, without_truth
 
 __all__ = ["METHODS", "RESETS", "integrate"]
 
@@ -105,7 +106,7 @@ def integrate(
         raise InvalidConfig("reset='none' needs initial, the hand image at the first sample")
 
     q = postures(exp)
-    if exp.attrs.get("order") == "scattered" and not star:
+    if is_scattered(exp) and not star:
         raise InvalidRecording("a scattered recording has no path in time; give path='star'")
     felt = np.isfinite(q).all(axis=-1)
     m = exp.sizes.get("axis", 0) or int(getattr(learned, "m", 0))
@@ -178,7 +179,9 @@ def _starts(
     elif reset == "true":
         values[resets] = variable(exp, "true_hand_image", "trial", "time", "axis")[resets]
     else:
-        values[resets] = variable(exp, "reference_image", "axis")
+        image = variable(exp, "reference_image", "axis")
+        what = "variable 'reference_image'"
+        values[resets] = as_float_array(image, what, shapes=((m,),), error=InvalidRecording)
     return starts | resets, values
 
 
@@ -196,7 +199,7 @@ def _first_by_posture(
 
 def _felt_there(exp: xr.Dataset, there: Bool[np.ndarray, "trial time"]) -> xr.Dataset:
     """What is felt at some samples, over the dimension ``sample`` first; nothing of any truth."""
-    felt = exp.drop_vars([name for name in exp.variables if str(name).startswith("true_")])
+    felt = without_truth(exp)
     rows = felt.stack(sample=("trial", "time"), create_index=False).isel(sample=np.flatnonzero(there))
     return rows.transpose("sample", ...)
 

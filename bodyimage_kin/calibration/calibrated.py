@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 import torch
 from jaxtyping import Float, Int
 
@@ -16,6 +17,7 @@ from bodyimage_kin.body import Camera, Embodiment
 from bodyimage_kin.calibration.observability import observability_indices, unobservable
 from bodyimage_kin.calibration.prior import Prior
 from bodyimage_kin.calibration.problem import Problem
+from bodyimage_kin.calibration.urdf import urdf_of
 from bodyimage_kin.estimators.map_fit import Fit
 from bodyimage_kin.estimators.parametric import Group, Parameter
 from bodyimage_kin.robot import Robot
@@ -96,6 +98,16 @@ class Calibrated:
         """Its robot: every joint that was fitted has its full 6D origin, which any reader of URDF understands."""
         return self.body.robot
 
+    def to_urdf(self) -> str:
+        """The file that the robot was read from, its joints where they were found: visuals and all else stay."""
+        return urdf_of(self.problem.body.robot, self.robot)
+
+    @property
+    def skin_moved(self) -> bool:
+        """Whether the skin was found elsewhere on its link."""
+        groups = np.array([one.group == "skin" for one in self.parameters])
+        return bool(self.fit.theta[groups].any())
+
     @property
     def free(self) -> int:
         """Number of measures that were fitted."""
@@ -108,22 +120,8 @@ class Calibrated:
             theta: (parameters,) in the order of :attr:`parameters`, zero for what is as it was thought to be.
         """
         values = as_float_array(theta, "theta", shapes=((len(self.parameters),),))
-        body, parametric = self.problem.body, self.problem.parametric
-        mounts = parametric.mounted(values)
-        point = _moved(mounts.get("hand"), body.hand.offset.numpy())
-        hand = replace(body.hand, offset=torch.from_numpy(point))
-        skin = body.skin.moved(mounts["skin"]) if body.skin is not None and "skin" in mounts else body.skin
-        robot = body.robot.with_origins(parametric.corrected(values))
-        return Embodiment.build(
-            robot,
-            joints=body.joints,
-            hand=hand,
-            camera=self._camera(values, mounts),
-            skin=skin,
-            home=body.home,
-            name=body.name,
-            backend=body.kinematics.name,
-        )
+        parametric = self.problem.parametric
+        return parametric.body_at(self.problem.body, values, self._camera(values, parametric.mounted(values)))
 
     def _camera(
         self, values: Float[np.ndarray, "parameters"], mounts: Mapping[str, Float[np.ndarray, "4 4"]]
@@ -163,6 +161,24 @@ class Calibrated:
         found[:, free] += normal @ root.T
         return found
 
+    def to_csv(self) -> str:
+        """A row for each measure that may be off: its name, group and unit, what was found, and how sure it is.
+
+        ``prior`` is its standard deviation beforehand, ``inf`` where nothing was known; what was held has ``doubt`` 0.
+        """
+        frame = pd.DataFrame(
+            {
+                "measure": [one.name for one in self.parameters],
+                "group": [one.group for one in self.parameters],
+                "unit": [one.unit for one in self.parameters],
+                "change": self.fit.theta,
+                "doubt": np.sqrt(np.diagonal(self.covariance)),
+                "prior": self.fit.sd,
+                "fitted": self.fit.free,
+            }
+        )
+        return str(frame.to_csv(index=False, lineterminator="\n"))
+
     @cached_property
     def unobservable(self) -> tuple[str, ...]:
         """Measures that the evidence does not tell, in words, the least told first."""
@@ -179,9 +195,23 @@ class Calibrated:
         return self.fit.chi2
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """What each kind of evidence is called, one recording after the other: ``images``, ``touches 2`` ..."""
+        names = [term.name for term in self.problem.terms]
+        return tuple(
+            name if names.count(name) == 1 else f"{name} {names[: index + 1].count(name)}"
+            for index, name in enumerate(names)
+        )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each kind of evidence."""
+        return tuple(_unit(term) for term in self.problem.terms)
+
+    @property
     def residuals(self) -> dict[str, Float[np.ndarray, "rows m"]]:
         """What the fit leaves of each kind of evidence [its unit]."""
-        return {_label(self.problem, index): one for index, one in enumerate(self.fit.residuals)}
+        return dict(zip(self.labels, self.fit.residuals, strict=True))
 
     def residuals_by_region(self, joint: str, parts: int = 4) -> dict[str, Float[np.ndarray, "parts"]]:
         """Median residual of each kind in parts of a joint's range, of as many samples each.
@@ -192,12 +222,10 @@ class Calibrated:
         """
         column = self.problem.body.joints.index(joint)
         found = {}
-        for index, (term, left) in enumerate(zip(self.problem.terms, self.fit.residuals, strict=True)):
+        for label, term, left in zip(self.labels, self.problem.terms, self.fit.residuals, strict=True):
             order = np.argsort(term.q[:, column], kind="stable")  # type: ignore[attr-defined]
             size = np.linalg.norm(left, axis=1)
-            found[_label(self.problem, index)] = np.array(
-                [np.median(size[part]) for part in np.array_split(order, parts) if len(part)]
-            )
+            found[label] = np.array([np.median(size[part]) for part in np.array_split(order, parts) if len(part)])
         return found
 
     @cached_property
@@ -220,9 +248,9 @@ class Calibrated:
         """One sentence for a person: is this body worth more than the one it was thought to be, and how sure is it?"""
         count = sum(len(one) for one in self.held_out.errors)
         errors = "; ".join(
-            f"{_label(self.problem, index)}: {_size(new, _unit(term))} held out, {_size(old, _unit(term))} before"
-            for index, (term, new, old) in enumerate(
-                zip(self.problem.terms, self.held_out.medians, self.nominal.medians, strict=True)
+            f"{label}: {_size(new, unit)} held out, {_size(old, unit)} before"
+            for label, unit, new, old in zip(
+                self.labels, self.units, self.held_out.medians, self.nominal.medians, strict=True
             )
         )
         if not self.explains:
@@ -251,16 +279,6 @@ class Calibrated:
             "hardly moved": ", ".join(self.still) or "none",
         }
         return table("Calibrated", self.verdict, rows)
-
-
-def _moved(pose: Float[np.ndarray, "4 4"] | None, point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    return point if pose is None else pose[:3, :3] @ point + pose[:3, 3]
-
-
-def _label(problem: Problem, index: int) -> str:
-    names = [term.name for term in problem.terms]
-    name = names[index]
-    return name if names.count(name) == 1 else f"{name} {names[: index + 1].count(name)}"
 
 
 def _unit(term: object) -> str:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 import torch
 import xarray as xr
 from jaxtyping import Float, Int
@@ -66,6 +67,15 @@ class NextPostures:
     def __repr__(self) -> str:
         begin, end = self.predicted_error[0], self.predicted_error[-1]
         return f"NextPostures({len(self.q)} postures, predicted error {begin:.3g} -> {end:.3g})"
+
+    def to_csv(self) -> str:
+        """A row a posture, as :func:`bodyimage_kin.read_recording` reads it once images were added.
+
+        ``q.JOINT`` [rad or m] and the error that is expected after it.
+        """
+        columns = {f"q.{name}": self.q[:, index] for index, name in enumerate(self.joints)}
+        frame = pd.DataFrame({**columns, "expected_error": self.predicted_error[1:]})
+        return str(frame.to_csv(index_label="number", lineterminator="\n"))
 
     def _repr_html_(self) -> str:
         """The postures for notebooks, and the error that is predicted after each."""

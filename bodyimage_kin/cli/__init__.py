@@ -20,9 +20,12 @@ import tyro
 
 from bodyimage_kin import __version__
 from bodyimage_kin.cli.arguments import Command
+from bodyimage_kin.cli.calibrate import Calibrate
 from bodyimage_kin.cli.checks import Conform, Embodiment
 from bodyimage_kin.cli.doctor import Doctor
+from bodyimage_kin.cli.next import Next
 from bodyimage_kin.cli.recordings import Fit, Import, Simulate
+from bodyimage_kin.cli.score import Score
 from bodyimage_kin.cli.studies import Report, Reproduce, Study
 from bodyimage_kin.cli.viewing import View
 from bodyimage_kin.errors import BodyImageKinError, DataWarning
@@ -36,6 +39,9 @@ _COMMANDS: Mapping[str, type[Command]] = {
     "simulate": Simulate,
     "import": Import,
     "fit": Fit,
+    "score": Score,
+    "calibrate": Calibrate,
+    "next": Next,
     "embodiment": Embodiment,
     "view": View,
     "conform": Conform,

@@ -34,7 +34,7 @@ class Basis(Kept, abc.ABC):
     degree: int
 
     def __post_init__(self) -> None:
-        _checks.whole("degree", self.degree, least=1)
+        _checks.whole("degree", self.degree, least=1, most=_MOST)
 
     @property
     @abc.abstractmethod

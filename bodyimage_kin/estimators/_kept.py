@@ -164,7 +164,7 @@ def _read(hint: Any, description: Any, tensors: Mapping[str, Tensor], path: str)
             return None
         kinds: dict[Any, Any] = {one.kind: one for one in choices if isinstance(one, type) and issubclass(one, Kept)}
         kind = description.get("kind") if isinstance(description, dict) else None
-        return _read(kinds.get(kind, choices[0]), description, tensors, path)
+        return _read(kinds.get(kind, choices[0]) if isinstance(kind, str) else choices[0], description, tensors, path)
     if hint is str:
         if not isinstance(description, str):
             _checks.refuse(path, description, "a text")

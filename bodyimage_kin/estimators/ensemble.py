@@ -21,6 +21,8 @@ from bodyimage_kin.recordings import is_scattered
 __all__ = ["Ensemble", "EnsembleJacobian"]
 
 _ARCS = 10
+_MOST = 10**4
+"""Members."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +106,7 @@ class Ensemble(Estimator):
     def __post_init__(self) -> None:
         if not isinstance(self.spec, Estimator):
             _checks.refuse("spec", self.spec, "an estimator")
-        _checks.whole("members", self.members, least=2)
+        _checks.whole("members", self.members, least=2, most=_MOST)
         _checks.number("missing", self.missing, least=0.0, below=1.0)
 
     def fit(self, exp: xr.Dataset, seed: int = 0) -> EnsembleJacobian:

@@ -36,13 +36,13 @@ _MORE = (
 
 
 def errors(
-    means: xr.Dataset, ax: Axes | None = None, *, ranked_at: str | None = None, xlabel: str = "relative error"
+    medians: xr.Dataset, ax: Axes | None = None, *, ranked_at: str | None = None, xlabel: str = "relative error"
 ) -> Axes:
     """Estimators ranked by their error, the smallest on top, a mark for each probe with its interval.
 
     Args:
-        means: ``mean``, ``lower`` and ``upper`` over (estimator, probe): of ``study.summarise``, at one embodiment and
-            recording.
+        medians: ``median``, ``lower`` and ``upper`` over (estimator, probe): of ``study.summarise``, at one embodiment
+            and recording.
         ax: Axes to draw on; None: those of a new figure.
         ranked_at: The probe whose errors rank them; None: the last.
         xlabel: What the errors are.
@@ -53,28 +53,28 @@ def errors(
     Raises:
         InvalidConfig: More probes than can be told apart, or no such probe.
     """
-    probes = [str(name) for name in means["probe"].values]
+    probes = [str(name) for name in medians["probe"].values]
     if len(probes) > len(_PROBES):
         raise InvalidConfig(f"{len(probes)} probes; at most {len(_PROBES)} can be told apart, select some of them")
     last = ranked_at or probes[-1]
     if last not in probes:
         raise InvalidConfig(f"ranked_at={last!r}: give one of {', '.join(probes)}")
-    order = means["mean"].sel(probe=last).fillna(np.inf).argsort().values[::-1]
-    one = means.isel(estimator=order)
+    order = medians["median"].sel(probe=last).fillna(np.inf).argsort().values[::-1]
+    one = medians.isel(estimator=order)
     heights = np.arange(one.sizes["estimator"], dtype=float)
-    inside = np.clip(one["mean"].values[np.isfinite(one["mean"].values)], _LEAST, _MOST)
+    inside = np.clip(one["median"].values[np.isfinite(one["median"].values)], _LEAST, _MOST)
     low, high = (float(inside.min()), float(inside.max())) if inside.size else (1.0, 1.0)
     with drawing_on(ax, height=0.9 + 0.16 * len(heights)) as axes:
         beyond = False
         for probe, (colour, marker) in zip(probes, _PROBES, strict=False):
-            mean, lower, upper = (one[name].sel(probe=probe).values for name in ("mean", "lower", "upper"))
-            reach = np.nan_to_num(np.stack([mean - lower, upper - mean]).clip(0))
+            median, lower, upper = (one[name].sel(probe=probe).values for name in ("median", "lower", "upper"))
+            reach = np.nan_to_num(np.stack([median - lower, upper - median]).clip(0))
             look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "markersize": 3.5}
             zorder = 3 if probe == last else 2
-            axes.errorbar(mean, heights, xerr=reach, **look, elinewidth=1.4, label=drawn(probe), zorder=zorder)
-            outside = np.isfinite(mean) & ((mean < _LEAST) | (mean > _MOST))
+            axes.errorbar(median, heights, xerr=reach, **look, elinewidth=1.4, label=drawn(probe), zorder=zorder)
+            outside = np.isfinite(median) & ((median < _LEAST) | (median > _MOST))
             beyond |= bool(outside.any())
-            places = np.clip(mean[outside], _LEAST, _MOST)
+            places = np.clip(median[outside], _LEAST, _MOST)
             axes.plot(places, heights[outside], **look, markerfacecolor="white", zorder=zorder + 1)
         axes.axvline(1.0, **DASHED)
         decades(axes, "x", [low, high, 1.0])

@@ -7,7 +7,7 @@ from bodyimage_kin.metrics.attribution import Attribution, attribute
 from bodyimage_kin.metrics.basin import Basin, servo_basin
 from bodyimage_kin.metrics.depth import depth_ratio
 from bodyimage_kin.metrics.excitation import Excitation, excitation, motion_metric
-from bodyimage_kin.metrics.held_out import HeldOut, hold_out, hold_out_folds
+from bodyimage_kin.metrics.held_out import HeldOut, all_hidden, hold_out, hold_out_far, hold_out_folds
 from bodyimage_kin.metrics.jacobian import (
     axis_relative_error,
     column_cosine,
@@ -74,6 +74,7 @@ __all__ = [
     "ObservedError",
     "Procrustes",
     "Sparsification",
+    "all_hidden",
     "attribute",
     "axis_relative_error",
     "column_cosine",
@@ -92,6 +93,7 @@ __all__ = [
     "excitation",
     "folded_cells",
     "hold_out",
+    "hold_out_far",
     "hold_out_folds",
     "image_error",
     "jacobian_errors",

@@ -38,6 +38,8 @@ __all__ = [
     "spread_root",
 ]
 
+_MOST = 10**6
+"""Postures of a joint space."""
 _DRAWS = 100
 """Postures that are drawn at most for each one wanted."""
 _CHUNK = 50_000
@@ -121,7 +123,7 @@ class JointSpace(Probe):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "count", whole("count", self.count, least=1))
+        object.__setattr__(self, "count", whole("count", self.count, least=1, most=_MOST))
         object.__setattr__(self, "seed", whole("seed", self.seed, least=0))
 
     def postures(self, body: Embodiment, seen: xr.Dataset | None) -> Float[Tensor, "postures p"]:

@@ -12,6 +12,7 @@ from bodyimage_kin.recordings.schema import (
     is_scattered,
     joint_names,
     require_aligned,
+    without_truth,
 )
 from bodyimage_kin.recordings.settings import Drag, Noise
 from bodyimage_kin.recordings.simulation import simulate, simulate_many
@@ -32,5 +33,6 @@ __all__ = [
     "resample",
     "simulate",
     "simulate_many",
+    "without_truth",
     "write_recording",
 ]

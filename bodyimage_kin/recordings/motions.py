@@ -31,6 +31,8 @@ from bodyimage_kin.recordings.paths import Path, Timeline, along, lengths
 
 __all__ = ["TOUR", "Babbling", "Circle", "Circles", "FaceTour", "Lissajous", "Motion", "Path", "RandomTouch"]
 
+MOST_SAMPLES = 10**6
+"""Of one trial of a motion."""
 TOUR = ("mouth", "nose", "right_eye", "left_eye", "nose")
 """The paper's sequence of landmarks (section 4.1)."""
 
@@ -92,6 +94,14 @@ class Motion(abc.ABC):
             value = _checks.number(f"{type(self).__name__}: {name}", getattr(self, name), **bounds)
             object.__setattr__(self, name, value)
 
+    def _refuse_endless(self, seconds: float, remedy: str) -> None:
+        """Refuses a trial of more samples than a recording can hold."""
+        if not seconds / self.sampling <= MOST_SAMPLES:
+            raise InvalidConfig(
+                f"{type(self).__name__}: a trial of {seconds:.3g} s, sampled every {self.sampling:g} s, has more than "
+                f"{MOST_SAMPLES} samples; give {remedy}"
+            )
+
 
 @dataclass(frozen=True)
 class Circle(Motion):
@@ -116,6 +126,7 @@ class Circle(Motion):
         super().__post_init__()
         self._positive("radius", "turns")
         self._not_negative("distance")
+        self._refuse_endless(4 * np.pi * self.turns * (self.radius / self.speed), "fewer turns or a smaller radius")
 
     @property
     def duration(self) -> float:
@@ -322,6 +333,7 @@ class FaceTour(Motion):
         timeline = Timeline(body, self.speed)
         for start, end in itertools.pairwise(stops):
             timeline.stroke(start, end, lambda s: 10 * s**3 - 15 * s**4 + 6 * s**5)
+        self._refuse_endless(timeline.clock, "a higher speed")
         return timeline.sampled(sampling, timeline.clock)
 
 
@@ -349,6 +361,7 @@ class RandomTouch(Motion):
         super().__post_init__()
         self._positive("duration", "rest", *(() if self.reset_interval is None else ("reset_interval",)))
         self._check(("silence",), least=0.0, most=1.0)
+        self._refuse_endless(self.duration, "a shorter duration")
 
     def path(self, body: Embodiment, rng: np.random.Generator, sampling: float) -> Path:
         """Strokes between random taxels."""

@@ -31,6 +31,7 @@ variable has its ``units``.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from importlib import metadata
@@ -66,6 +67,7 @@ __all__ = [
     "require_aligned",
     "versions",
     "with_blocks",
+    "without_truth",
 ]
 
 _SAMPLE = ("trial", "time")
@@ -149,6 +151,11 @@ def joint_units(body: Embodiment) -> str:
 
 def versions() -> dict[str, str]:
     """Versions of the packages a result depends on."""
+    return dict(_versions())
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
     return {name: metadata.version(name) for name in _PACKAGES}
 
 
@@ -161,8 +168,12 @@ def experience(recording: xr.Dataset) -> xr.Dataset:
     Raises:
         InvalidRecording: Not a recording; names what is wrong.
     """
-    felt = check(recording)
-    felt = felt.drop_dims(_true_ones(felt.dims))
+    return without_truth(check(recording))
+
+
+def without_truth(recording: xr.Dataset) -> xr.Dataset:
+    """A dataset without what is named ``true_``, as of :func:`experience`, whatever else it lacks."""
+    felt = recording.drop_dims(_true_ones(recording.dims))
     felt = felt.drop_vars(_true_ones(felt.variables)).copy()
     for attributes in (felt.attrs, *(variable.attrs for variable in felt.variables.values())):
         for name in _true_ones(attributes):
@@ -202,6 +213,9 @@ def check(recording: xr.Dataset) -> xr.Dataset:
         values = normalised(name, variable.values)
         if values.dtype != variable.dtype:
             changed[name] = variable.copy(data=values)
+    units = recording["q"].attrs.get("units", "rad")
+    if not isinstance(units, str) or not set(units.split()) <= {"rad", "m"}:
+        _checks.refuse("the unit of 'q'", units, "radians and metres: 'rad', 'm', or one a joint", InvalidRecording)
     _checks.choice("order", recording.attrs.get("order", "stream"), ORDERS, error=InvalidRecording)
     _check_coordinates(recording)
     return recording.assign(changed) if changed else recording
@@ -251,6 +265,11 @@ def _flags(name: str, values: Shaped[np.ndarray, "..."]) -> Bool[np.ndarray, "..
 
 
 def _check_coordinates(recording: xr.Dataset) -> None:
+    for name in COORDINATES:
+        if name in recording.coords and recording[name].dims != (name,):
+            raise InvalidRecording(
+                f"coordinate '{name}' has dimensions {recording[name].dims}; it must have ('{name}',)"
+            )
     if "joint" in recording.coords:
         _refuse_doubled(joint_names(recording))
     if "time" not in recording.coords:
@@ -276,7 +295,8 @@ def is_scattered(recording: xr.Dataset) -> bool:
         InvalidRecording: It is no dataset.
     """
     _refuse_other(recording)
-    return bool(recording.attrs.get("order") == "scattered")
+    order = recording.attrs.get("order")
+    return isinstance(order, str) and order == "scattered"
 
 
 def first_taxel(recording: xr.Dataset, truth: bool = False) -> Int[np.ndarray, "trial time"]:

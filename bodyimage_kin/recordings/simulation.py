@@ -34,6 +34,7 @@ __all__ = ["Stream", "simulate", "simulate_many"]
 
 Stream = Sequence[np.random.SeedSequence]
 """Of one trial: for its path, rest posture, encoder noise, image noise, silence and torque noise."""
+_MOST_TRIALS = 10**5
 _MOST_VIEWED = 512
 """Samples of a path at which the eye is tried before the arm is dragged along it."""
 
@@ -137,7 +138,7 @@ class _Asked:
                 f"noise: torque={found.torque:g} disturbs an arm that is dragged; use dynamics=True or torque=0"
             )
         drag = dynamics if isinstance(dynamics, Drag) else Drag() if dynamics else None
-        asked = cls(body, motion, _checks.whole("trials", trials, least=1), drag, found)
+        asked = cls(body, motion, _checks.whole("trials", trials, least=1, most=_MOST_TRIALS), drag, found)
         # What cannot be told later is refused before it is simulated.
         asked.config(0)
         return asked

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["publish", "write"]
+    from bodyimage_kin.body import Embodiment
+    from bodyimage_kin.calibration import Calibrated, NextPostures
+
+__all__ = ["publish", "write", "write_calibration", "write_next_postures", "write_scores"]
 
 
 def write(
@@ -76,3 +79,72 @@ def publish(
     from bodyimage_kin.report import _publication
 
     return _publication.write(results, Path(folder), baseline, labels)
+
+
+def write_scores(
+    rows: xr.Dataset,
+    path: str | os.PathLike[str],
+    *,
+    against: Mapping[str, xr.Dataset] | None = None,
+    verdict: str = "",
+    said: Sequence[str] = (),
+) -> Path:
+    """Writes what estimators foretell of hidden parts of a recording as one page for whoever made it.
+
+    Args:
+        rows: Of ``bk.score({...}, None, recording)``.
+        path: The page.
+        against: Estimator -> its scores against a calibrated body (``bk.score(learned, calibrated, recording)``).
+        verdict: Of that body.
+        said: Warnings on the way.
+
+    Returns:
+        The page's path.
+
+    Raises:
+        InvalidConfig: Other results.
+    """
+    from bodyimage_kin.report import _score_page
+
+    return _score_page.write(rows, Path(path), against, verdict, said)
+
+
+def write_calibration(calibrated: Calibrated, path: str | os.PathLike[str], *, said: Sequence[str] = ()) -> Path:
+    """Writes what a calibration found as one page: what it is worth, what was off, what remains unknown.
+
+    Args:
+        calibrated: Of :func:`bodyimage_kin.calibrate`.
+        path: The page.
+        said: Warnings on the way.
+
+    Returns:
+        The page's path.
+    """
+    from bodyimage_kin.report import _calibration_page
+
+    return _calibration_page.write(calibrated, Path(path), said)
+
+
+def write_next_postures(
+    chosen: NextPostures,
+    body: Embodiment,
+    probes: Sequence[str],
+    path: str | os.PathLike[str],
+    *,
+    said: Sequence[str] = (),
+) -> Path:
+    """Writes postures to look at next as one page, with the error that is expected after each.
+
+    Args:
+        chosen: Of :func:`bodyimage_kin.next_postures`.
+        body: Whose postures they are.
+        probes: Names of the probes at which the error is expected.
+        path: The page.
+        said: Warnings on the way.
+
+    Returns:
+        The page's path.
+    """
+    from bodyimage_kin.report import _next_page
+
+    return _next_page.write(chosen, body, probes, Path(path), said)

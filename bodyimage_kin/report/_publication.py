@@ -20,6 +20,7 @@ from bodyimage_kin.report._results import HEADLINE, learned, names_of, probe_of_
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.scores import PARTS
+from bodyimage_kin.study.statistics import PUBLISHED
 from bodyimage_kin.study.summary import markdown_table, plain_markdown
 
 _OTHERS = (
@@ -47,9 +48,9 @@ def write(results: xr.Dataset, folder: Path, baseline: str | None, labels: Mappi
         raise InvalidConfig(
             f"{missing} of {results['failure'].size} fits are {MISSING}; run the study to its end first"
         )
-    means = {score: summary.summarise(results, score) for score in (HEADLINE, *_OTHERS) if score in results}
+    medians = {score: summary.summarise(results, score) for score in (HEADLINE, *_OTHERS) if score in results}
     with figures.labelled(labels_of(results, labels)):
-        numbers = _numbers(results, means, baseline or next(iter(learned(results)), names[0]))
+        numbers = _numbers(results, medians, baseline or next(iter(learned(results)), names[0]))
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as problem:
@@ -58,11 +59,11 @@ def write(results: xr.Dataset, folder: Path, baseline: str | None, labels: Mappi
         write_text(folder / "table.md", _table(numbers))
         write_text(folder / "table.tex", _latex(numbers))
         with figures.style():
-            figures.save(ranking(results, means[HEADLINE], columns=3), folder, "errors")
+            figures.save(ranking(results, medians[HEADLINE], columns=3), folder, "errors")
     return folder / "table.md"
 
 
-def _numbers(results: xr.Dataset, means: Mapping[str, xr.Dataset], baseline: str) -> dict[str, Any]:
+def _numbers(results: xr.Dataset, medians: Mapping[str, xr.Dataset], baseline: str) -> dict[str, Any]:
     """Everything that table and figure say, ready for JSON: numbers to four digits, none as None."""
     probes, last = names_of(results, "probe"), probe_of_use(results)
     found: dict[str, Any] = {
@@ -75,15 +76,14 @@ def _numbers(results: xr.Dataset, means: Mapping[str, xr.Dataset], baseline: str
         "failures": summary.failures(results),
         "scores": {},
     }
-    parts = results["attribution"].mean("seed") if "attribution" in results else None
+    parts = results["attribution"].median("seed") if "attribution" in results else None
     for embodiment in results["embodiment"].values:
         ratios = _ratios(results.sel(embodiment=[embodiment], probe=last), baseline)
         for recording in results["recording"].values:
             rows = {}
             for estimator in results["estimator"].values:
                 at = {"embodiment": embodiment, "recording": recording, "estimator": estimator}
-                row: dict[str, Any] = {score: _mean(mean.sel(at)) for score, mean in means.items()}
-                row["median"] = _digits(results[HEADLINE].sel(at).sel(probe=last).median("seed"))
+                row: dict[str, Any] = {score: _spread(one.sel(at)) for score, one in medians.items()}
                 if parts is not None:
                     there = parts.sel(at)
                     row["attribution"] = {
@@ -110,11 +110,11 @@ def _ratios(results: xr.Dataset, baseline: str) -> xr.Dataset | None:
     return summary.compare(results.sel(estimator=names), HEADLINE, baseline)
 
 
-def _mean(one: xr.Dataset) -> Any:
-    """Mean and interval; by probe, where there are probes."""
+def _spread(one: xr.Dataset) -> Any:
+    """Median, interval and quantiles; by probe, where there are probes."""
     if "probe" in one.dims:
-        return {str(probe): _mean(one.sel(probe=probe)) for probe in one["probe"].values}
-    return {name: _digits(one[name]) for name in ("mean", "lower", "upper", "recordings")}
+        return {str(probe): _spread(one.sel(probe=probe)) for probe in one["probe"].values}
+    return {str(name): _digits(value) for name, value in one.data_vars.items()}
 
 
 def _digits(value: Any) -> float | None:
@@ -150,8 +150,10 @@ def _latex(numbers: Mapping[str, Any]) -> str:
 
 def _caption(numbers: Mapping[str, Any]) -> str:
     return (
-        f"Relative error of the Jacobian in the motion's metric, mean over {numbers['seeds']} recordings with its 95 % "
-        f"interval (BCa bootstrap) {figures.label(numbers['compared_at'])}, and the median there."
+        f"Relative error of the Jacobian in the motion's metric: median over {numbers['seeds']} recordings, "
+        f"{figures.label(numbers['compared_at'])} with its 95 % interval (between two of the values; none of fewer "
+        f"than {PUBLISHED}), the tenth and ninetieth percentile, and the share of recordings above 1, the error of a "
+        "Jacobian of zeros."
     )
 
 
@@ -163,7 +165,7 @@ def _columns(numbers: Mapping[str, Any]) -> list[str]:
 def _head(numbers: Mapping[str, Any]) -> list[str]:
     names = [figures.label(probe) for probe in numbers["probes"]]
     others = [_COLUMNS[score][0] for score in _columns(numbers)]
-    return ["estimator", *names, "median", "ratio", "p", "scale", "variation", *others]
+    return ["estimator", *names, "10 % to 90 %", "above 1", "ratio", "p", "scale", "variation", *others]
 
 
 def _rows(numbers: Mapping[str, Any], place: str) -> list[list[str]]:
@@ -171,7 +173,7 @@ def _rows(numbers: Mapping[str, Any], place: str) -> list[list[str]]:
     probes, last, columns = numbers["probes"], numbers["compared_at"], _columns(numbers)
     found = []
     of = numbers["scores"][place]
-    for name, row in sorted(of.items(), key=lambda item: _sortable(item[1][HEADLINE][last]["mean"])):
+    for name, row in sorted(of.items(), key=lambda item: _sortable(item[1][HEADLINE][last]["median"])):
         done = row[HEADLINE][last]["recordings"]
         some = f" ({done:.0f} of {numbers['seeds']})" if done < numbers["seeds"] else ""
         found.append([figures.label(name) + some, *_cells(row, probes, last, columns)])
@@ -183,14 +185,19 @@ def _cells(row: Mapping[str, Any], probes: list[str], last: str, columns: list[s
     ratio = row.get("ratio")
     parts = row.get("attribution", {}).get(last, {})
     return [
-        *(_number(errors[probe]["mean"]) + (_interval(errors[probe]) if probe == last else "") for probe in probes),
-        _number(row["median"]),
+        *(_number(errors[probe]["median"]) + (_interval(errors[probe]) if probe == last else "") for probe in probes),
+        f"{_number(errors[last]['low'])} to {_number(errors[last]['high'])}",
+        _share(errors[last]["above_one"]),
         _number(ratio["ratio"]) + _interval(ratio) if ratio else "",
         _p(ratio["p_holm"]) if ratio else "",
         _number(parts.get("scale")),
         _number(parts.get("variation")),
-        *(_number(row.get(score, {}).get("mean"), _COLUMNS[score][1]) for score in columns),
+        *(_number(row.get(score, {}).get("median"), _COLUMNS[score][1]) for score in columns),
     ]
+
+
+def _share(value: float | None) -> str:
+    return _number(None) if value is None else f"{100 * value:.0f} %"
 
 
 def _p(value: float | None) -> str:
@@ -210,4 +217,5 @@ def _number(value: float | None, factor: float = 1.0) -> str:
 
 def _interval(one: Mapping[str, Any]) -> str:
     lower, upper = one["lower"], one["upper"]
-    return "" if lower is None or upper is None else f" [{_number(lower)}, {_number(upper)}]"
+    few = (one["recordings"] or 0) < PUBLISHED
+    return "" if lower is None or upper is None or few else f" [{_number(lower)}, {_number(upper)}]"

@@ -1,4 +1,4 @@
-"""What pages read from a study's results: names, the probe of use, who is the truth itself, means with intervals."""
+"""What pages read from a study's results: names, the probe of use, who is the truth itself, medians with intervals."""
 
 from __future__ import annotations
 
@@ -56,27 +56,27 @@ def errs(values: xr.DataArray, name: str) -> bool:
     return bool(np.isfinite(of).any() and np.nanmax(of) > summary.EXACT)
 
 
-def intervals_of(means: xr.Dataset) -> list[Interval]:
+def intervals_of(medians: xr.Dataset) -> list[Interval]:
     """Along the one dimension that is left, or of the one value."""
-    stacked = np.stack([np.atleast_1d(means[part].values) for part in ("mean", "lower", "upper")], axis=-1)
+    stacked = np.stack([np.atleast_1d(medians[part].values) for part in ("median", "lower", "upper")], axis=-1)
     return [(float(a), float(b), float(c)) for a, b, c in stacked]
 
 
-def ranking(results: xr.Dataset, means: xr.Dataset, columns: int) -> Figure:
-    """Estimators ranked by their error where they are used, a panel for each embodiment and recording of ``means``.
+def ranking(results: xr.Dataset, medians: xr.Dataset, columns: int) -> Figure:
+    """Estimators ranked by their error where they are used, a panel for each embodiment and recording of ``medians``.
 
     Args:
         results: Of a study.
-        means: Of :data:`HEADLINE`, with its intervals; of all embodiments or of some.
+        medians: Of :data:`HEADLINE`, with its intervals; of all embodiments or of some.
         columns: Panels in a row at the most.
     """
-    places = [(e, r) for e in names_of(means, "embodiment") for r in names_of(means, "recording")]
+    places = [(e, r) for e in names_of(medians, "embodiment") for r in names_of(medians, "recording")]
     columns = min(columns, len(places))
     rows = math.ceil(len(places) / columns)
-    height = 0.5 + rows * (0.6 + 0.16 * means.sizes["estimator"])
+    height = 0.5 + rows * (0.6 + 0.16 * medians.sizes["estimator"])
     figure, grid = figures.panels(rows, columns, height=height, sharex=True)
     for axes, (embodiment, recording) in zip(grid.flat, places, strict=False):
-        one = means.sel(embodiment=embodiment, recording=recording)
+        one = medians.sel(embodiment=embodiment, recording=recording)
         figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel="relative error of the Jacobian")
         axes.set_title(figures.drawn(place_of(results, embodiment, recording)))
         axes.tick_params(labelbottom=True)

@@ -127,20 +127,20 @@ def _first_maps(results: xr.Dataset) -> int:
 
 
 def _tables(results: xr.Dataset) -> list[dict[str, Any]]:
-    """For each embodiment and recording: means of the scores of maps, and those of direct sight."""
-    means = {score: summary.summarise(results, score) for score in OF_MAPS if score in results}
+    """For each embodiment and recording: medians of the scores of maps, and those of direct sight."""
+    medians = {score: summary.summarise(results, score) for score in OF_MAPS if score in results}
     found = []
     for embodiment in names_of(results, "embodiment"):
         for recording in names_of(results, "recording"):
             at = {"embodiment": embodiment, "recording": recording}
             rows = [
-                (name, [intervals_of(one.sel(at).sel(estimator=name)) for one in means.values()])
+                (name, [intervals_of(one.sel(at).sel(estimator=name)) for one in medians.values()])
                 for name in names_of(results, "estimator")
             ]
-            direct = [_direct(results, score, at) for score in means]
+            direct = [_direct(results, score, at) for score in medians]
             if any(direct):
                 rows.append(("direct", direct))
-            found.append({"place": place_of(results, embodiment, recording), "columns": list(means), "rows": rows})
+            found.append({"place": place_of(results, embodiment, recording), "columns": list(medians), "rows": rows})
     return found
 
 

@@ -61,19 +61,19 @@ def write(
         if name is not None and name not in estimators:
             raise UnknownName("estimator in the results", name, estimators)
     results = _computed(results)
-    means = {score: summary.summarise(results, score) for score in _scores(results)}
+    medians = {score: summary.summarise(results, score) for score in _scores(results)}
     with figures.labelled(labels_of(results, labels)):
         comparison = _comparison(results, baseline)
         write_page(
             path,
             "study.html",
-            sentences=_sentences(results, means),
+            sentences=_sentences(results, medians),
             probe=probe_of_use(results),
-            tables=_tables(results, means, comparison),
+            tables=_tables(results, medians, comparison),
             comparison=comparison,
             failures=summary.failures(results),
             left_out=_left_out(results),
-            pictures=_drawn(_pictures(results, means, atlas)),
+            pictures=_drawn(_pictures(results, medians, atlas)),
             excitation=_excitation(results),
             maps=_study_maps.section(results),
             recordings=results.sizes["seed"],
@@ -112,16 +112,17 @@ def _left_out(results: xr.Dataset) -> list[tuple[str, str, int]]:
     return [(score, why, len(places)) for score, of in found.items() for why, places in of.items()]
 
 
-def told_apart(results: xr.Dataset, means: Mapping[str, xr.Dataset]) -> list[str]:
+def told_apart(results: xr.Dataset, medians: Mapping[str, xr.Dataset]) -> list[str]:
     """As many estimators as a panel can tell apart: those that err least where they are used."""
     names = learned(results)
-    if len(names) <= _TOGETHER or HEADLINE not in means:
+    if len(names) <= _TOGETHER or HEADLINE not in medians:
         return names[:_TOGETHER]
-    found = means[HEADLINE]["mean"].sel(estimator=names, probe=probe_of_use(results)).mean(("embodiment", "recording"))
+    found = medians[HEADLINE]["median"].sel(estimator=names, probe=probe_of_use(results))
+    found = found.mean(("embodiment", "recording"))
     return [names[index] for index in np.argsort(found.fillna(np.inf).values)[:_TOGETHER]]
 
 
-def _sentences(results: xr.Dataset, means: Mapping[str, xr.Dataset]) -> list[str]:
+def _sentences(results: xr.Dataset, medians: Mapping[str, xr.Dataset]) -> list[str]:
     """What was done, and what came out, every number from the results."""
     sizes = results.sizes
     said = [
@@ -131,9 +132,9 @@ def _sentences(results: xr.Dataset, means: Mapping[str, xr.Dataset]) -> list[str
         "where the hand was never seen."
     ]
     names = learned(results)
-    if HEADLINE in means and names:
+    if HEADLINE in medians and names:
         probe = probe_of_use(results)
-        found = means[HEADLINE]["mean"].sel(probe=probe, estimator=names).mean(("embodiment", "recording"))
+        found = medians[HEADLINE]["median"].sel(probe=probe, estimator=names).mean(("embodiment", "recording"))
         ranked = found.dropna("estimator").sortby(found)
         if ranked.size:
             best, worst = ((figures.label(str(one["estimator"].item())), 100 * float(one)) for one in ranked[[0, -1]])
@@ -147,14 +148,14 @@ def _sentences(results: xr.Dataset, means: Mapping[str, xr.Dataset]) -> list[str
 
 
 def _tables(
-    results: xr.Dataset, means: Mapping[str, xr.Dataset], comparison: Mapping[str, Any] | None
+    results: xr.Dataset, medians: Mapping[str, xr.Dataset], comparison: Mapping[str, Any] | None
 ) -> list[dict[str, Any]]:
     """For each embodiment and recording: estimators ranked, and all their other scores."""
     found = []
     for embodiment in names_of(results, "embodiment"):
         for recording in names_of(results, "recording"):
             at = {"embodiment": embodiment, "recording": recording}
-            ranked = _ranked(means[HEADLINE].sel(at), probe_of_use(results)) if HEADLINE in means else []
+            ranked = _ranked(medians[HEADLINE].sel(at), probe_of_use(results)) if HEADLINE in medians else []
             order = [name for name, _ in ranked] or names_of(results, "estimator")
             found.append(
                 {
@@ -164,12 +165,12 @@ def _tables(
                     "ratios": comparison["ratios"].get(recording, {}) if comparison else {},
                     "by_probe": [
                         (title_of(results, score), _rows(one.sel(at), order))
-                        for score, one in means.items()
+                        for score, one in medians.items()
                         if "probe" in one.dims and score != HEADLINE
                     ],
                     "alone": [
                         (title_of(results, score), dict(_rows(one.sel(at), order)))
-                        for score, one in means.items()
+                        for score, one in medians.items()
                         if "probe" not in one.dims
                     ],
                     "order": order,
@@ -178,13 +179,13 @@ def _tables(
     return found
 
 
-def _ranked(means: xr.Dataset, probe: str) -> list[tuple[str, list[Interval]]]:
-    order = means["mean"].sel(probe=probe).fillna(np.inf).argsort().values
-    return _rows(means, [names_of(means, "estimator")[index] for index in order])
+def _ranked(medians: xr.Dataset, probe: str) -> list[tuple[str, list[Interval]]]:
+    order = medians["median"].sel(probe=probe).fillna(np.inf).argsort().values
+    return _rows(medians, [names_of(medians, "estimator")[index] for index in order])
 
 
-def _rows(means: xr.Dataset, order: Sequence[str]) -> list[tuple[str, list[Interval]]]:
-    return [(name, intervals_of(means.sel(estimator=name))) for name in order]
+def _rows(medians: xr.Dataset, order: Sequence[str]) -> list[tuple[str, list[Interval]]]:
+    return [(name, intervals_of(medians.sel(estimator=name))) for name in order]
 
 
 def _comparison(results: xr.Dataset, baseline: str | None) -> dict[str, Any] | None:
@@ -226,13 +227,13 @@ def _drawn(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
     return found
 
 
-def _pictures(results: xr.Dataset, means: Mapping[str, xr.Dataset], atlas: str | None) -> list[Picture]:
+def _pictures(results: xr.Dataset, medians: Mapping[str, xr.Dataset], atlas: str | None) -> list[Picture]:
     """Every figure, in the order of the page."""
     found: list[Picture] = []
-    named = told_apart(results, means)
+    named = told_apart(results, medians)
     for embodiment in names_of(results, "embodiment"):
-        if HEADLINE in means:
-            found.append(_ranking(results, means[HEADLINE], embodiment, bool(found)))
+        if HEADLINE in medians:
+            found.append(_ranking(results, medians[HEADLINE], embodiment, bool(found)))
         for recording in names_of(results, "recording"):
             one = results.sel(embodiment=embodiment, recording=recording)
             place = place_of(results, embodiment, recording)
@@ -242,14 +243,15 @@ def _pictures(results: xr.Dataset, means: Mapping[str, xr.Dataset], atlas: str |
     return [*found, *_study_maps.pictures(results, named)]
 
 
-def _ranking(results: xr.Dataset, means: xr.Dataset, embodiment: str, later: bool) -> Picture:
+def _ranking(results: xr.Dataset, medians: xr.Dataset, embodiment: str, later: bool) -> Picture:
     text = (
-        "Who errs least is on top. Marks: means over recordings, with 95 % intervals; a Jacobian of zeros has error 1, "
-        "and the farther right the last mark from the first, the less an estimator holds where the hand was not seen."
+        "Who errs least is on top. Marks: medians over recordings, with 95 % intervals; a Jacobian of zeros has error "
+        "1, and the farther right the last mark from the first, the less an estimator holds where the hand was not "
+        "seen."
     )
     title = "How wrong each learned Jacobian is"
     title += f": {figures.label(embodiment)}" if results.sizes["embodiment"] > 1 else ""
-    one = means.sel(embodiment=[embodiment])
+    one = medians.sel(embodiment=[embodiment])
     return Picture(
         f"errors_{embodiment}", "scores" if later else "first", partial(ranking, results, one, 2), title, text
     )

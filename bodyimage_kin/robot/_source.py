@@ -40,8 +40,10 @@ def read(source: object) -> tuple[bytes, Path | None]:
 
 def _from_path(name: str | bytes) -> tuple[bytes, Path]:
     text = name if isinstance(name, str) else os.fsdecode(name)
+    if not text.strip():
+        raise InvalidURDF("the text is empty", remedy=_REMEDY)
     # What is no path may be a whole file that begins with something else than an element.
-    if len(text) > _LONGEST_PATH or "\n" in text or "<" in text:
+    if len(text) > _LONGEST_PATH or any(character in text for character in "\n\r\0<"):
         raise InvalidURDF("neither XML nor a path", remedy=_REMEDY)
     try:
         path = Path(text)

@@ -36,6 +36,16 @@ def _relative_error_use(context: Context) -> Any:
     return context.by_probe(metrics.pooled_relative_error, context.motion_metric)
 
 
+def _relative_error_moved(context: Context) -> Any:
+    body = context.body
+    assert body is not None
+    q = probes.probe_postures(probes.Training(), body, context.seen)
+    with torch.no_grad():
+        J, Jh = (answers(of, q.numpy()) for of in (body.hand_image_jacobian, context.learned.jacobian))
+    spectrum = metrics.local_spectrum(q, noise=float(context.seen.attrs.get("encoder_noise", 0.0)))
+    return metrics.pooled_relative_error(spectrum.restrict(J), spectrum.restrict(checked("jacobian", Jh, J.shape)))
+
+
 def _scale_free_error(context: Context) -> Any:
     return context.by_probe(metrics.pooled_scale_free_error, context.motion_metric)
 
@@ -192,6 +202,10 @@ SCORES: Mapping[str, Score] = {
         Score(
             "relative_error_use", ("probe",), "relative error of the Jacobian in the motion's metric",
             _relative_error_use, needs=_AT_PROBES, source="pooled_relative_error",
+        ),
+        Score(
+            "relative_error_moved", (), "relative error in training, in the directions in which the joints moved there",
+            _relative_error_moved, needs=_AT_PROBES, source="local_spectrum", optional=True,
         ),
         Score(
             "scale_free_error", ("probe",), "squared error left after the best scaling, motion's metric",

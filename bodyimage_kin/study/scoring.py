@@ -14,14 +14,16 @@ import xarray as xr
 from bodyimage_kin._checks import choice, whole
 from bodyimage_kin._named import named_object
 from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.calibration import Calibrated
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.metrics import probes as probe_specs
 from bodyimage_kin.recordings import check
+from bodyimage_kin.study.blocks import stream
 from bodyimage_kin.study.context import Context, Score
 from bodyimage_kin.study.facts import FACTS
-from bodyimage_kin.study.grid import stream
+from bodyimage_kin.study.held_out import held_out_scores, learned_scores
 from bodyimage_kin.study.scores import SCORES
-from bodyimage_kin.study.specs import PROBE, plain_name, snake
+from bodyimage_kin.study.specs import ESTIMATOR, PROBE, plain_name, snake
 
 __all__ = [
     "PROBES",
@@ -45,9 +47,13 @@ PROBES: Mapping[str, probe_specs.Probe] = {
 """Posture sets that leave what was seen step by step."""
 
 
+_DRAWS = 16
+"""Bodies drawn from the posterior of a calibrated one."""
+
+
 def score(
     learned: Any,
-    body: Embodiment | None,
+    body: Embodiment | Calibrated | None,
     seen: xr.Dataset,
     use: xr.Dataset | None = None,
     probes: Sequence[Any] | Mapping[str, Any] | None = None,
@@ -58,12 +64,19 @@ def score(
     seed: int = 0,
     excitation_cut: float = 0.1,
     metric_of: str = "felt",
+    draws: int = _DRAWS,
+    folds: int = 5,
+    noise: float | None = None,
 ) -> xr.Dataset:
     """Scores of a learned Jacobian.
 
     Args:
         learned: Anything with ``displacement(q, dq)`` and ``jacobian(q)`` (:class:`bodyimage_kin.estimators.Learned`).
-        body: Whose truth it is held against; None: it is not known, and only what needs no truth is scored.
+            Without a body also an estimator, or name -> estimator: each learns without a part of the recording in turn,
+            and is held against that part (:func:`bodyimage_kin.study.held_out_scores`).
+        body: Whose truth it is held against. A calibrated body is no certain truth: scores are means over bodies drawn
+            from its posterior, each with its standard deviation beside it (``relative_error_sd``). None: the body is
+            not known, and only what needs no truth is scored, against images of ``use``, or else of ``seen``.
         seen: The recording that was learned from.
         use: The motion that the Jacobian is used for: its metric counts in ``relative_error_use``. None: that of
             ``seen``, and errors are not split into excited and unexcited ones.
@@ -75,6 +88,9 @@ def score(
         seed: Of these.
         excitation_cut: A direction counts as excited when training moves along it this much of what use does.
         metric_of: ``"felt"`` or ``"true"``: whose motion the metric and the excitation are of.
+        draws: Bodies drawn from a calibrated one's posterior.
+        folds: Parts that are hidden in turn from an estimator.
+        noise: Root of the mean squared noise of one image [its unit], for errors without a truth; None: from repeats.
 
     Returns:
         One variable a score, over ``probe``, ``part``, ``axis``, ``posture`` ... as it has them: ``relative_error`` in
@@ -87,6 +103,24 @@ def score(
         UnknownName: Another name.
         WrongResult: What was learned answers in other shapes, or not in finite numbers.
     """
+    if body is None and (isinstance(learned, Mapping) or not hasattr(learned, "displacement")):
+        named_ones = learned if isinstance(learned, Mapping) else {"": learned}
+        specs = {name or "estimator": ESTIMATOR.build(one) for name, one in named_ones.items()}
+        rows = held_out_scores(specs, seen, folds=folds, noise=noise, seed=seed)
+        return rows if isinstance(learned, Mapping) else rows.isel(estimator=0, drop=True)
+    if isinstance(body, Calibrated):
+        settings: dict[str, Any] = {
+            "tour": tour,
+            "scores": scores,
+            "first_maps": first_maps,
+            "excitation_cut": excitation_cut,
+        }
+        every = [body.body, *body.draws(whole("draws", draws, least=2), seed)]
+        return _over_draws(
+            [score(learned, one, seen, use, probes, seed=seed, metric_of=metric_of, **settings) for one in every]
+        )
+    if body is None and scores is None:
+        return learned_scores(learned, seen, use, noise)
     named = _named_probes(probes, body)
     names = default_scores() if scores is None else scores
     asked = [one for one in map(resolve, names) if one.name != "fit_seconds"]
@@ -120,6 +154,25 @@ def score(
             "left_out": json.dumps(lacking),
         },
     )
+
+
+def _over_draws(found: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Mean and standard deviation of scores over bodies that may each be the true one; the first is the likeliest."""
+    likeliest, *drawn = found
+    result = likeliest.copy()
+    for name, one in likeliest.data_vars.items():
+        if one.dtype.kind != "f":
+            continue
+        # Postures that a probe has on one body and not on another have no mean.
+        if not all(other[name].shape == one.shape for other in drawn):
+            result = result.drop_vars(str(name))
+            continue
+        values = np.stack([other[name].values for other in drawn])
+        result[name] = (one.dims, values.mean(0), one.attrs)
+        sd = {**one.attrs, "long_name": f"{one.attrs.get('long_name', name)}, standard deviation over bodies"}
+        result[f"{name}_sd"] = (one.dims, values.std(0, ddof=1), sd)
+    result.attrs["truth"] = f"{len(drawn)} bodies drawn from the posterior of a calibrated one"
+    return result
 
 
 # By name -------------------------------------------------------------------------------------------------------------

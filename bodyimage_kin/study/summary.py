@@ -1,4 +1,4 @@
-"""A study's results in few numbers: means with intervals, estimators against each other, how scores go together."""
+"""A study's results in few numbers: medians with intervals, estimators against each other, how scores go together."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Bool, Float
 
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.study import statistics
@@ -35,28 +34,31 @@ def exact(results: xr.Dataset, score: str) -> list[str]:
     return [str(name) for name in errors["estimator"].values if bool((errors.sel(estimator=name) < EXACT).all())]
 
 
-def summarise(results: xr.Dataset, score: str, *, seed: int = 0) -> xr.Dataset:
-    """Mean of a score over recordings, with its 95 % interval.
+def summarise(results: xr.Dataset, score: str) -> xr.Dataset:
+    """Median of a score over recordings with its 95 % interval, and how recordings are spread.
+
+    A learned Jacobian may have a pole on the face, and then a mean is that of the few recordings that come near it.
 
     Args:
         results: Of :meth:`Study.run`.
         score: Name of one of its scores.
-        seed: Of the resampling.
 
     Returns:
-        ``mean``, ``lower``, ``upper`` and ``recordings`` over every dimension of the score but ``seed``. A recording
-        that failed is left out, so hold ``recordings`` beside the mean.
+        ``median``, ``lower``, ``upper``, ``low`` and ``high`` (a tenth of the recordings lies beyond each),
+        ``above_one`` (their share) and ``recordings``, over every dimension of the score but ``seed``
+        (:func:`~bodyimage_kin.study.statistics.spread`). A recording that failed is left out, so hold ``recordings``
+        beside the median.
 
     Raises:
         UnknownName: No such score.
     """
     values = _score(results, score)
     grid = [str(dim) for dim in values.dims if dim != "seed"]
-    found: dict[str, list[float]] = {name: [] for name in ("mean", "lower", "upper", "recordings")}
-    for place in _places(values, grid):
-        one = statistics.interval(values.isel(place).values, seed=seed)
-        for name, value in zip(found, (one.estimate, one.lower, one.upper, one.recordings), strict=True):
-            found[name].append(value)
+    every = [statistics.spread(values.isel(place).values) for place in _places(values, grid)]
+    found: dict[str, list[float]] = {
+        "recordings" if name == "units" else name: [getattr(one, name) for one in every]
+        for name in ("median", "lower", "upper", "low", "high", "above_one", "units")
+    }
     shape = [values.sizes[dim] for dim in grid]
     coords = {dim: values[dim] for dim in grid if dim in values.coords}
     return xr.Dataset({name: (grid, np.reshape(one, shape)) for name, one in found.items()}, coords, values.attrs)
@@ -103,7 +105,7 @@ def compare(results: xr.Dataset, score: str, baseline: str, *, seed: int = 0) ->
         "ratio": [row.ratio.estimate for row in rows],
         "lower": [row.ratio.lower for row in rows],
         "upper": [row.ratio.upper for row in rows],
-        "recordings": [row.ratio.recordings for row in rows],
+        "recordings": [row.ratio.units for row in rows],
         "p": p,
         "p_holm": statistics.holm(p),
     }
@@ -119,11 +121,14 @@ def chain(
     *,
     probe: str = "on_face",
     leave_out: Collection[str] = (),
+    families: Mapping[str, str] | None = None,
     level: float | int = 0.95,
-    resamples: int = 2000,
     seed: int = 0,
 ) -> xr.Dataset:
-    """How much one score of a learned Jacobian goes with another: Spearman's rank correlations and their intervals.
+    """How much one score of a learned Jacobian goes with another, over estimators: Spearman's rank correlations.
+
+    What varies in such a claim is the estimator, and near copies of one are one finding: families count once
+    (:func:`~bodyimage_kin.study.statistics.correlation`).
 
     Args:
         results: Of :meth:`Study.run`.
@@ -132,37 +137,52 @@ def chain(
         probe: Where scores are taken that there are of several probes.
         leave_out: Names of estimators that are left out, such as the truth itself or estimators that learn nothing: by
             being far from all others, they alone can make a correlation.
+        families: Estimator -> family of near copies; whoever is not named is one of its own.
         level: Of confidence.
-        resamples: Number of bootstrap samples.
         seed: Of the resampling.
 
     Returns:
-        Over ``embodiment``: ``correlation`` over all cells (one an estimator, motion and seed), ``within`` the mean
-        over recordings of the correlation over the estimators that learned from one (three at least), each with
-        ``lower`` and ``upper`` (``within_lower``, ``within_upper``); ``cells`` and ``recordings``, how many there are.
-        A cell that failed is left out; a score that does not vary, such as a topological error of zero for all, has no
-        rank and so no correlation: NaN. Intervals are percentiles of a bootstrap whose unit is the recording with all
-        its cells, within each motion; NaN with fewer than three recordings of a motion.
+        Over ``embodiment``: ``correlation`` of the estimators' medians over recordings, with ``lower`` and ``upper``,
+        from resampling families; NaN with too few of them for an interval. ``within``: median over recordings of the
+        correlation over the families that learned from one, ``within_low`` and ``within_high``, beyond each of which a
+        tenth of the recordings lies: how much recordings differ, and no interval. ``families``, ``estimators`` and
+        ``recordings``, how many there are. A cell that failed is left out; a score that does not vary, such as a
+        topological error of zero for all, has no rank and so no correlation: NaN.
 
     Raises:
         UnknownName: No such score, probe or estimator.
-        InvalidConfig: A score with other dimensions, no estimator left, a level outside 0 to 1, or no resamples.
+        InvalidConfig: A score with other dimensions, no estimator left, or a level outside 0 to 1.
     """
-    if not 0 < level < 1 or resamples < 1:
-        raise InvalidConfig(f"level={level!r}, resamples={resamples!r}: give a level between 0 and 1, and resamples")
     names = [str(name) for name in results["estimator"].values]
-    for name in leave_out:
+    for name in (*leave_out, *(families or {})):
         if name not in names:
-            raise UnknownName("estimator to leave out", name, names)
+            raise UnknownName("estimator", name, names)
     kept = [name for name in names if name not in leave_out]
     if not kept:
         raise InvalidConfig("leave_out names every estimator; leave at least one in")
     values = [_of_cells(results.sel(estimator=kept), score, probe) for score in (from_score, to_score)]
+    label = [(families or {}).get(name, name) for name in kept]
     found: dict[str, list[float]] = {}
     for embodiment in results["embodiment"].values:
-        x, y = (one.sel(embodiment=embodiment).values for one in values)
-        for name, value in _chain(x, y, float(level), resamples, seed).items():
-            found.setdefault(name, []).append(value)
+        x, y = (one.sel(embodiment=embodiment).values.reshape(-1, len(kept)) for one in values)
+        both = ~(np.isnan(x) | np.isnan(y))
+        x, y = np.where(both, x, np.nan), np.where(both, y, np.nan)
+        one, other = ([statistics.spread(column).median for column in table.T] for table in (x, y))
+        over = statistics.correlation(one, other, label, level=level, seed=seed)
+        inside = [statistics.correlation(*rows, label, resamples=1).estimate for rows in zip(x, y, strict=True)]
+        within = statistics.spread(np.array(inside))
+        for name, value in {
+            "correlation": over.estimate,
+            "lower": over.lower,
+            "upper": over.upper,
+            "within": within.median,
+            "within_low": within.low,
+            "within_high": within.high,
+            "families": over.units,
+            "estimators": int(both.any(0).sum()),
+            "recordings": int(both.any(1).sum()),
+        }.items():
+            found.setdefault(name, []).append(float(value))
     attributes = {"from": from_score, "to": to_score, "probe": probe, "left_out": json.dumps(list(leave_out))}
     variables = {name: (("embodiment",), one) for name, one in found.items()}
     return xr.Dataset(variables, {"embodiment": results["embodiment"]}, attributes)
@@ -227,78 +247,3 @@ def _of_cells(results: xr.Dataset, score: str, probe: str) -> xr.DataArray:
     if other := [str(dim) for dim in values.dims if dim not in grid]:
         raise InvalidConfig(f"{score} is not one number a cell; choose along {', '.join(other)} with results.sel first")
     return values.transpose(*grid)
-
-
-def _chain(
-    x: Float[np.ndarray, "recording seed estimator"],
-    y: Float[np.ndarray, "recording seed estimator"],
-    level: float,
-    resamples: int,
-    seed: int,
-) -> dict[str, float]:
-    """Correlations of one embodiment, with intervals."""
-    there = np.isfinite(x) & np.isfinite(y)
-    motions, seeds, estimators = x.shape
-    unit = np.broadcast_to(np.arange(motions * seeds).reshape(motions, seeds, 1), x.shape)[there]
-    inside = np.full(motions * seeds, np.nan)
-    rows = (values.reshape(-1, estimators) for values in (x, y, there))
-    for index, (one, other, kept) in enumerate(zip(*rows, strict=True)):
-        if kept.sum() >= 3:
-            inside[index] = _rank_correlation(one[kept], other[kept], np.ones(int(kept.sum())))
-    ranked = np.isfinite(inside)
-    found = {
-        "correlation": float(_rank_correlation(x[there], y[there], np.ones(int(there.sum())))),
-        "within": float(inside[ranked].mean()) if ranked.any() else np.nan,
-        "cells": float(there.sum()),
-        "recordings": float(there.any(-1).sum()),
-    }
-    drawn = _drawn(there.any(-1), resamples, seed)
-    at_once = max(1, 10**6 // max(1, unit.size))
-    parts = [drawn[begin : begin + at_once] for begin in range(0, len(drawn), at_once)]
-    over_cells = [_rank_correlation(x[there], y[there], part[:, unit]) for part in parts]
-    of = drawn[:, ranked]
-    of = of[of.any(1)]
-    over_recordings = of @ inside[ranked] / of.sum(1)
-    for prefix, samples in (("", np.concatenate([*over_cells, []])), ("within_", over_recordings)):
-        samples = samples[np.isfinite(samples)]
-        ends = np.quantile(samples, [(1 - level) / 2, (1 + level) / 2]) if samples.size else (np.nan, np.nan)
-        found |= {f"{prefix}lower": float(ends[0]), f"{prefix}upper": float(ends[1])}
-    return found
-
-
-def _drawn(
-    usable: Bool[np.ndarray, "recording seed"], resamples: int, seed: int
-) -> Float[np.ndarray, "resamples units"]:
-    """How often each recording is drawn: its cells come together, so none counts as independent of the others."""
-    if (usable.sum(1) < 3).any():
-        return np.empty((0, usable.size))
-    drawn = np.zeros((resamples, *usable.shape))
-    rng = np.random.default_rng(seed)
-    for motion, there in enumerate(usable):
-        count = int(there.sum())
-        drawn[:, motion, there] = rng.multinomial(count, np.full(count, 1 / count), size=resamples)
-    return drawn.reshape(resamples, -1)
-
-
-def _rank_correlation(
-    x: Float[np.ndarray, "cells"], y: Float[np.ndarray, "cells"], weights: Float[np.ndarray, "*samples cells"]
-) -> Float[np.ndarray, "*samples"]:
-    """Spearman's correlation when each cell occurs as often as its weight says; NaN where either does not vary."""
-    if x.size == 0:
-        return np.full(weights.shape[:-1], np.nan)
-    total = weights.sum(-1, keepdims=True)
-    # The mean rank is the same for any order.
-    a, b = (_mean_ranks(values, weights) - (total + 1) / 2 for values in (x, y))
-    size = np.sqrt((weights * a**2).sum(-1) * (weights * b**2).sum(-1))
-    return np.where(size > 0, (weights * a * b).sum(-1) / np.where(size > 0, size, 1), np.nan)
-
-
-def _mean_ranks(
-    values: Float[np.ndarray, "cells"], weights: Float[np.ndarray, "*samples cells"]
-) -> Float[np.ndarray, "*samples cells"]:
-    """Rank of each cell, from 1, when each occurs as often as its weight says; ties share the mean of theirs."""
-    _, first, group = np.unique(values, return_index=True, return_inverse=True)
-    order = np.argsort(group, kind="stable")
-    begins = np.searchsorted(group[order], np.arange(len(first)))
-    occurs = np.add.reduceat(weights[..., order], begins, axis=-1)
-    return (np.cumsum(occurs, axis=-1) - (occurs - 1) / 2)[..., group]

@@ -390,9 +390,18 @@ def test_autocast_rounds_nothing(make, backend):
 def test_a_chain_of_ones_own_is_not_rounded_by_autocast():
     origins, axes, q = torch.eye(4).repeat(3, 1, 1), torch.eye(3), torch.tensor([0.1, 0.2, 0.3])
     origins[:, :3, 3] = torch.tensor([0.123, 0.456, 0.789])
-    expected = bk.backends.chain_pose(origins, axes, q)
+
+    def everything():
+        inputs = [one.clone().requires_grad_() for one in (origins, axes, q)]
+        pose = bk.backends.chain_pose(*inputs)
+        return [pose, *torch.autograd.grad(pose.square().sum() + pose[0, 3], inputs)]
+
+    expected = everything()
     with torch.autocast("cpu", dtype=torch.bfloat16):
-        assert torch.equal(bk.backends.chain_pose(origins, axes, q), expected)
+        found = everything()
+    for one, other in zip(found, expected, strict=True):
+        assert one.dtype == torch.float32
+        assert torch.equal(one, other)
 
 
 def test_no_gradient_is_kept_where_none_was_asked_for():
@@ -417,6 +426,8 @@ BAD_POSTURES = {
     "complex array": (np.zeros(4, dtype=np.complex128), "holds complex128, not numbers"),
     "complex list": ([1j] * 4, "holds complex128, not numbers"),
     "bool": (torch.zeros(4, dtype=torch.bool), "holds bool, not numbers"),
+    "a bool among numbers": ([0.0, True, 0.0, 0.0], "holds a bool, not numbers"),
+    "a bool of numpy among numbers": ([[0, np.True_, 0, 0]], "holds a bool, not numbers"),
     "bools": ([True] * 4, "holds bool, not numbers"),
     "sparse": (torch.eye(4).to_sparse(), "sparse tensor"),
     "text": ("0 0 0 0", "not numbers"),

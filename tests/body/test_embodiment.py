@@ -447,6 +447,17 @@ BAD_FILES = {
         InvalidConfig,
         r"size\[0\]=-0.06: give a number above 0",
     ),
+    "rows without end": (
+        [("shape = [21, 21]", f"shape = [{10**30}, 21]")],
+        InvalidConfig,
+        "rows=1000000000000000000000000000000: give a whole number of at least 1 and at most 1000000",
+    ),
+    "taxels without end": ([("shape = [21, 21]", "shape = [10000, 10000]")], InvalidConfig, "at most 1000000 taxels"),
+    "axis too long": (
+        [("right = [0.0, -1.0, 0.0]     # direction", "right = [0.0, 1e308, 1e308]  # direction")],
+        InvalidConfig,
+        "'right' is too long for a float64; give unit vectors",
+    ),
     "size beyond the face": ([("size = [0.06, 0.06]", "size = [0.6, 0.6]")], InvalidConfig, "make 'size' smaller"),
     "malformed": ([("[hand]", "[hand")], InvalidConfig, "is no valid TOML"),
     "no such robot": ([(str(URDF), "nowhere.urdf")], InvalidURDF, "cannot read .*nowhere.urdf"),
@@ -458,6 +469,13 @@ def test_a_bad_file_names_the_field_and_what_is_valid(tmp_path, bad):
     changes, error, message = BAD_FILES[bad]
     with pytest.raises(error, match=message):
         bk.load_embodiment(write(tmp_path, *changes))
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_is_neither_name_nor_path_is_refused():
+    for odd in (3, None, ["infant"]):
+        with pytest.raises(InvalidConfig, match=f"by its name or from a path, not from {type(odd).__name__}"):
+            bk.load_embodiment(odd)
 
 
 def test_an_unknown_embodiment_lists_the_known(tmp_path):

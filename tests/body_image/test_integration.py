@@ -259,6 +259,15 @@ def test_refuses_recordings(exp):
         integrate({"q": 1}, Curved())
     with pytest.raises(InvalidRecording, match="dimensions"):
         integrate(exp.rename(joint="joints"), Curved())
+    with pytest.raises(InvalidRecording, match="has no joint"):
+        integrate(exp.isel(joint=[]), Curved())
+    sized = Curved()
+    sized.m = M
+    with pytest.raises(InvalidRecording, match=r"'reference_image' has shape \(0,\); give \(2,\)"):
+        integrate(exp.isel(axis=[]), sized)
+    wide = exp.assign_coords(time=(("other", "time"), np.zeros((2, exp.sizes["time"]))))
+    with pytest.raises(InvalidRecording, match="coordinate 'time' has dimensions"):
+        integrate(wide, Curved())
 
 
 def test_refuses_arrays(exp):
@@ -283,13 +292,14 @@ def test_a_function_resets_by_what_is_felt_and_sees_no_truth(exp):
         return np.stack([felt.touched.values[:, 0], felt.q.values.sum(-1)], axis=-1)
 
     touched = np.arange(120).reshape(3, 40, 1)
-    exp = exp.assign(touched=(("trial", "time", "contact"), touched))
+    exp = exp.assign(touched=(("trial", "time", "contact"), touched)).assign_attrs(true_place=1.0)
+    exp.q.attrs["true_place"] = 1.0
     hand = integrate(exp, Curved(), by_touch)
     (felt,) = given
     at = exp.at_reference.values
     assert felt.sizes["sample"] == at.sum()
     assert felt.q.dims == ("sample", "joint")
-    assert not [name for name in felt.variables if str(name).startswith("true_")]
+    assert not [name for name in (*felt.variables, *felt.attrs, *felt.q.attrs) if str(name).startswith("true_")]
     np.testing.assert_array_equal(hand.values[at][:, 0], touched[..., 0][at])
     np.testing.assert_array_equal(hand.values[at][:, 1], exp.q.values[at].sum(-1))
     # F of the posture alone is such a function.

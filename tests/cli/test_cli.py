@@ -14,7 +14,10 @@ import pytest
 import bodyimage_kin as bk
 from bodyimage_kin import cli
 
-COMMANDS = ("reproduce", "study", "report", "simulate", "import", "fit", "embodiment", "conform", "doctor")
+COMMANDS = (
+    "reproduce", "study", "report", "simulate", "import", "fit", "score", "calibrate", "next", "embodiment", "conform",
+    "doctor",
+)  # fmt: skip
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():

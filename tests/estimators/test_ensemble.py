@@ -67,3 +67,10 @@ def test_members_are_there_and_of_one_size():
     members = [ConstantJacobian(torch.zeros(2, p, dtype=torch.float64)) for p in (3, 4)]
     with pytest.raises(InvalidArray, match="members of one size"):
         EnsembleJacobian(tuple(members))
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("members", [1, 10**30, True, 2.0])
+def test_members_are_counted(members):
+    with pytest.raises(InvalidConfig, match=f"members={members}: give a whole number of at least 2 and at most 10000"):
+        Ensemble(Ridge(), members)

@@ -27,7 +27,7 @@ def legend(axes):
 
 def means(values, probes=("on_circle", "on_face")):
     mean = xr.DataArray(values, {"estimator": ["a", "truth", "wild"], "probe": list(probes)}, ("estimator", "probe"))
-    return xr.Dataset({"mean": mean, "lower": 0.9 * mean, "upper": 1.2 * mean})
+    return xr.Dataset({"median": mean, "lower": 0.9 * mean, "upper": 1.2 * mean})
 
 
 def test_estimators_are_ranked_with_their_intervals(axes):

@@ -46,6 +46,10 @@ def test_joint_space_is_the_same_for_every_recording(body, circle, touch):
     [
         (lambda: probes.Face(-0.01), "distance=-0.01: give a number of at least 0"),
         (lambda: probes.JointSpace(0), "count=0: give a whole number of at least 1"),
+        (
+            lambda: probes.JointSpace(10**12),
+            "count=1000000000000: give a whole number of at least 1 and at most 1000000",
+        ),
         (lambda: probes.JointSpace(True), "count=True: give a whole number"),
         (lambda: probes.JointSpace(seed=-1), "seed=-1"),
     ],

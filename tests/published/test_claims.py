@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+import xarray as xr
 
-from bodyimage_kin.published.fuke2007 import CLAIMS
+from bodyimage_kin.published.fuke2007 import CLAIMS, Conditions
+from bodyimage_kin.published.fuke2007.claims import judged
 
 RANGES = {
     "velocity_follows_noise_free": ((0.91, 0.99), (0.89, 0.99)),
@@ -27,3 +30,35 @@ def test_a_criterion_looks_at_the_interval(name, ends):
 def test_names_are_unique_and_askers_known():
     assert len({claim.name for claim in CLAIMS}) == len(CLAIMS)
     assert {claim.asked_by for claim in CLAIMS} == {"paper", "us"}
+
+
+class Told(Conditions):
+    """Results in which all scores of an estimator are about one number."""
+
+    def __init__(self, **told):
+        super().__init__(xr.Dataset({"steps": ("snapshot", [0, 1])}, {"seed": range(10)}))
+        object.__setattr__(self, "told", told)
+
+    def score(self, condition, estimator, name, **at):
+        more = {"velocity_correlation": (2,), "topological_errors": (10, 2), "spans": (2, 2)}.get(name, ())
+        by_recording = 1 + 1e-6 * np.arange(10).reshape(10, *[1] * len(more))
+        return np.broadcast_to(self.told.get(estimator, 0.5) * by_recording, (10, *more))
+
+    def fact(self, recording, name, **at):
+        return np.full(10, 0.1)
+
+
+def judged_as(found, name):
+    return next(one for one in judged(found) if one["name"] == name)
+
+
+def test_a_claim_that_a_spoiled_truth_meets_too_cannot_fail_and_never_holds():
+    met = judged_as(Told(paper_mlp=0.97), "velocity_follows_noisy")
+    assert (met["met"], met["passed_by"], met["cannot_fail"], met["holds"]) == (True, [], False, True)
+    idle = judged_as(Told(paper_mlp=0.97, null_rotated=0.97), "velocity_follows_noisy")
+    assert (idle["met"], idle["passed_by"], idle["cannot_fail"], idle["holds"]) == (True, ["null_rotated"], True, False)
+
+
+def test_a_claim_about_recordings_alone_is_put_to_no_null():
+    one = judged_as(Told(paper_mlp=0.97, null_rotated=0.97), "posture_has_little_effect")
+    assert (one["met"], one["passed_by"], one["holds"]) == (True, [], True)

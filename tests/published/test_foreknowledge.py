@@ -226,7 +226,7 @@ def test_the_interval_is_of_recordings():
     measured, predicted = (true * np.exp(0.1 * rng.normal(size=(8, 10))) for _ in "ab")
     one = fk.evaluate(measured, {"one": predicted})["one"]
     assert 0.5 < one.r2.lower < one.r2.estimate + 0.02 < one.r2.upper + 0.04 <= 1.04
-    assert one.r2.recordings == 10
+    assert one.r2.units == 10
     assert one.r2_recordings < one.r2.estimate
     few = fk.evaluate(measured[:, :2], {"one": predicted[:, :2]})["one"].r2
     assert np.isnan(few.lower)

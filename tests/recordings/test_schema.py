@@ -58,8 +58,27 @@ def test_what_is_misshapen_is_named(circle):
         check(circle.isel(joint=[]))
     with pytest.raises(InvalidRecording, match="no 'axis' of variable 'hand_image'"):
         check(circle.isel(axis=[]))
-    with pytest.raises(InvalidRecording, match="order='loose': give one of 'stream', 'scattered'"):
-        check(circle.assign_attrs(order="loose"))
+    for order in ("loose", 3, None, np.array([1, 2])):
+        with pytest.raises(InvalidRecording, match=r"order=.*: give one of 'stream', 'scattered'"):
+            check(circle.assign_attrs(order=order))
+        with pytest.raises(InvalidRecording, match="order"):
+            bk.estimators.LeastSquares().fit(circle.assign_attrs(order=order))
+    for name in schema.COORDINATES:
+        if name in circle.coords:
+            wide = circle.assign_coords({name: (("other", name), circle[name].values[None])})
+            with pytest.raises(InvalidRecording, match=f"coordinate '{name}' has dimensions"):
+                check(wide)
+
+
+@pytest.mark.parametrize("unit", ["deg", "degrees", "rad deg rad rad rad", "mm", 3, None])
+def test_joint_values_in_degrees_are_not_taken_for_radians(circle, unit):
+    spoilt = circle.copy(deep=True)
+    spoilt.q.attrs["units"] = unit
+    for use in (check, bk.experience, bk.estimators.LeastSquares().fit):
+        with pytest.raises(InvalidRecording, match=r"the unit of 'q'=.*: give radians and metres"):
+            use(spoilt)
+    spoilt.q.attrs["units"] = "rad m rad rad rad"
+    assert check(spoilt) is spoilt
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -20,7 +20,7 @@ from bodyimage_kin.report._page import file_name, fixed, interval, number
 HOSTILE = ("<script>alert(1)</script>", "\"quoted\" & 'single'", "../a/b\\c", "$x$ {{ 7 * 7 }}", "least_squares")
 PROBES = ("on_circle", "in_front", "on_face")
 PARTS = ("scale", "mean_excited", "mean_unexcited", "variation")
-SEEDS, SIDE = 5, 4
+SEEDS, SIDE = 8, 4
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 

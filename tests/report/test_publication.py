@@ -39,15 +39,15 @@ def results():
     )  # fmt: skip
 
 
-def test_numbers_are_means_and_paired_ratios(results, tmp_path):
+def test_numbers_are_medians_and_paired_ratios(results, tmp_path):
     bk.report.publish(results, tmp_path, baseline="least_squares")
     numbers = json.loads((tmp_path / "results.json").read_text())
     row = numbers["scores"]["noisy"]["rational_trig"]
     errors = results["relative_error_use"].sel(recording="noisy", estimator="rational_trig", probe="on_face")
-    assert row["relative_error_use"]["on_face"]["mean"] == pytest.approx(float(errors.mean()), rel=1e-3)
+    assert row["relative_error_use"]["on_face"]["median"] == pytest.approx(float(errors.median()), rel=1e-3)
     assert row["relative_error_use"]["on_face"]["recordings"] == SEEDS
     assert row["ratio"]["ratio"] == pytest.approx(0.5)
-    assert row["attribution"]["on_face"]["variation"] == pytest.approx(0.6 * float((errors**2).mean()), rel=1e-3)
+    assert row["attribution"]["on_face"]["variation"] == pytest.approx(0.6 * float((errors**2).median()), rel=1e-3)
     # The truth has no ratio, and the baseline none to itself.
     assert "ratio" not in numbers["scores"]["noisy"]["analytic"]
     assert "ratio" not in numbers["scores"]["noisy"]["least_squares"]
@@ -59,8 +59,18 @@ def test_the_table_begins_with_the_smallest_error(results, tmp_path):
     assert [row.split(" | ")[0].strip("| ") for row in rows[:5]] == [
         "estimator", "---", "analytic Jacobian", "rational trigonometric", "least squares",
     ]  # fmt: skip
-    assert "0.500 [0.500, 0.500]" in rows[3]
+    assert "| 0.500 |" in rows[3]
+    # Six recordings have values and no interval.
+    assert not any("[" in row for row in rows)
     assert "numpy 1.2.3" in lines[-1]
+
+
+def test_thirty_recordings_have_intervals(results, tmp_path):
+    many = xr.concat([results.assign_coords(seed=results["seed"] + SEEDS * n) for n in range(5)], "seed")
+    rows = bk.report.publish(many, tmp_path, baseline="least_squares").read_text().splitlines()
+    (row, *_) = [line for line in rows if line.startswith("| rational")]
+    assert "0.500 [0.500, 0.500]" in row
+    assert row.count("[") == 2
 
 
 def test_scores_that_failed_leave_gaps(results, tmp_path):
@@ -68,7 +78,7 @@ def test_scores_that_failed_leave_gaps(results, tmp_path):
     results["failure"].loc[{"estimator": "rational_trig", "recording": "noisy"}] = "it broke"
     bk.report.publish(results, tmp_path, baseline="least_squares")
     numbers = json.loads((tmp_path / "results.json").read_text())
-    assert numbers["scores"]["noisy"]["rational_trig"]["relative_error_use"]["on_face"]["mean"] is None
+    assert numbers["scores"]["noisy"]["rational_trig"]["relative_error_use"]["on_face"]["median"] is None
     assert numbers["failures"][0]["failure"] == "it broke"
     assert (tmp_path / "errors.svg").stat().st_size > 5000
     assert "rational trigonometric" in (tmp_path / "errors.csv").read_text()

@@ -26,14 +26,14 @@ def test_first_weights_are_averaged_before_recordings_are_resampled():
     within = rng.standard_normal((8, 50))
     many = recordings[:, None] + within - within.mean(1, keepdims=True)
     one, other = statistics.interval(recordings), statistics.interval(many)
-    assert other.recordings == 8
+    assert other.units == 8
     np.testing.assert_allclose(
         [other.estimate, other.lower, other.upper], [one.estimate, one.lower, one.upper], atol=0.01
     )
 
 
 def test_a_recording_that_failed_is_left_out():
-    sample = np.array([1.0, 2.0, 4.0, 7.0])
+    sample = np.array([1.0, 2.0, 4.0, 7.0, 7.5, 8.0, 9.0, 9.5])
     assert statistics.interval([*sample, np.nan]) == statistics.interval(sample)
 
 
@@ -45,7 +45,7 @@ def test_strata_weigh_the_same_and_their_difference_does_not_widen_the_interval(
     assert found.upper - found.lower < 0.1
 
 
-@pytest.mark.parametrize("count", [0, 1, 2])
+@pytest.mark.parametrize("count", [0, 1, 2, 7])
 def test_too_few_recordings_have_no_interval(count):
     found = statistics.interval(np.arange(count, dtype=float))
     assert np.isnan([found.lower, found.upper]).all()
@@ -59,7 +59,7 @@ def test_an_interval_is_published_from_thirty_recordings_on():
 
 
 def test_equal_scores_have_an_interval_of_no_width():
-    found = statistics.interval(np.full(5, 0.25))
+    found = statistics.interval(np.full(8, 0.25))
     assert (found.estimate, found.lower, found.upper) == (0.25, 0.25, 0.25)
 
 
@@ -115,7 +115,7 @@ def test_a_comparison_is_of_pairs():
 
 def test_pairs_with_a_failure_or_without_a_ratio_are_left_out():
     found = statistics.compare({"base": [1.0, 2.0, 3.0, 0.0, np.nan], "half": [0.5, np.nan, 1.5, 1.0, 1.0]}, "base")
-    assert found["half"].ratio.recordings == 2
+    assert found["half"].ratio.units == 2
     assert found["half"].ratio.estimate == pytest.approx(0.5)
 
 
@@ -130,3 +130,83 @@ def test_what_is_wrong_is_named():
         statistics.holm([1.5])
     with pytest.raises(InvalidConfig, match="level"):
         statistics.interval([1.0, 2.0, 3.0], level=95)
+
+
+# Where means do not exist --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [8, 10, 30, 41])
+def test_the_interval_of_a_median_covers_at_least_as_often_as_it_says_and_not_much_more(count):
+    # Cauchy: no mean exists, and no bootstrap of one would cover.
+    samples = 1.0 + np.random.default_rng(8).standard_cauchy((3000, count))
+    covered = np.mean([one.lower <= 1.0 <= one.upper for one in map(statistics.spread, samples)])
+    assert 0.94 < covered <= (0.995 if count < 30 else 0.985)
+
+
+def test_a_pole_moves_no_part_of_a_spread_but_the_share_above_one():
+    values = np.linspace(0.1, 0.9, 41)
+    with_pole = np.append(values[:-1], np.inf)
+    calm, wild = statistics.spread(values), statistics.spread(with_pole)
+    assert (wild.median, wild.lower, wild.upper) == pytest.approx((calm.median, calm.lower, calm.upper))
+    assert (calm.above_one, wild.above_one) == (0.0, pytest.approx(1 / 41))
+    assert statistics.spread([*values, np.nan]) == calm
+
+
+def test_of_seven_units_a_median_has_no_interval_and_of_none_there_is_nothing():
+    few = statistics.spread(np.arange(7.0))
+    assert (few.median, few.units) == (3.0, 7)
+    assert np.isnan([few.lower, few.upper]).all()
+    assert statistics.spread([np.nan]).units == 0
+    with pytest.raises(InvalidArray, match="one a unit"):
+        statistics.spread([[1.0]])
+
+
+def test_ranks_are_of_pairs_on_the_same_units_and_no_pole_moves_them():
+    rng = np.random.default_rng(9)
+    difficulty = np.exp(2.0 * rng.standard_normal(30))
+    better = 0.9 * difficulty * np.exp(0.03 * rng.standard_normal(30))
+    better[3], alike = 1e9, difficulty * np.exp(0.5 * rng.standard_normal(30))
+    found = statistics.ranked({"worse": difficulty, "better": better, "alike": alike})
+    pair = found.get(("better", "worse")) or found["worse", "better"]
+    first_is_better = ("better", "worse") in found
+    assert (pair.ratio if first_is_better else 1 / pair.ratio) == pytest.approx(0.9, abs=0.03)
+    assert pair.p_holm < 1e-4
+    assert len(found) == 3
+    assert max(one.p_holm for one in found.values()) > 0.05
+    assert all(one.p_holm >= one.p for one in found.values())
+
+
+# Of what varies ------------------------------------------------------------------------------------------------------
+
+
+def test_near_copies_of_one_estimator_count_once():
+    rng = np.random.default_rng(10)
+    x, y = rng.random(6) + 0.1, rng.random(6) + 0.1
+    copies = [0, 1, 2, 3, 4, 5, 5, 5, 5]
+    names = [f"family{n}" for n in copies]
+    alone, among = statistics.correlation(x, y), statistics.correlation(x[copies], y[copies], names)
+    assert among.units == 6
+    assert among.estimate == pytest.approx(alone.estimate)
+    assert statistics.correlation(x[copies], y[copies]).estimate != pytest.approx(alone.estimate)
+
+
+def test_few_families_have_a_value_and_no_interval():
+    values = np.arange(1.0, 20.0)
+    few, many = statistics.correlation(values, values), statistics.correlation([*values, 20.0], [*values, 20.0])
+    assert (few.estimate, many.estimate) == (pytest.approx(1.0), pytest.approx(1.0))
+    assert np.isnan(few.lower)
+    assert not few.publishable
+    assert many.lower == pytest.approx(1.0)
+    assert many.publishable
+
+
+def test_what_is_fitted_is_fitted_again_to_the_units_that_were_drawn():
+    drawn = []
+    found = statistics.resampled(
+        lambda units: drawn.append(units) or float(units.mean()), 25, "conditions", resamples=50
+    )
+    assert (len(drawn), found.units, found.unit) == (51, 25, "conditions")
+    assert all(len(units) == 25 for units in drawn)
+    assert found.lower < found.estimate < found.upper
+    with pytest.raises(UnknownName, match="no unit of resampling 'bodys'; did you mean 'bodies'"):
+        statistics.resampled(lambda units: 0.0, 25, "bodys")

@@ -1,8 +1,12 @@
 """What the paper claims, what is measured, and whether it holds.
 
-Every criterion stands here in code and in words; it looks at the interval, not at the mean. An interval is that of
-:func:`bodyimage_kin.study.statistics.interval` over recordings, the unit of resampling; it is missing below three of
-them, or with one that is not finite.
+Every criterion stands here, in code and in words, and nowhere else: the history of this file shows when it was set. It
+looks at the interval, not at the mean. An interval is that of :func:`bodyimage_kin.study.statistics.interval` over
+recordings, the unit of resampling; it is missing where they are too few, or with one that is not finite.
+
+Each claim about what is learned is also put to the null estimators (:data:`~bodyimage_kin.published.fuke2007.NULLS`):
+true Jacobians that are spoiled beyond use. A claim that one of them meets says nothing for whoever else meets it: it
+cannot fail, and is never counted as holding.
 """
 
 from __future__ import annotations
@@ -15,12 +19,13 @@ import numpy as np
 from jaxtyping import Float
 
 from bodyimage_kin.published.fuke2007.conditions import Conditions
-from bodyimage_kin.published.fuke2007.grid import DIRECT, NETWORK
+from bodyimage_kin.published.fuke2007.grid import DIRECT, NETWORK, NULLS
 from bodyimage_kin.study import statistics
 
 __all__ = ["CLAIMS", "Claim", "Values", "judged"]
 
-Values: TypeAlias = Callable[[Conditions], Float[np.ndarray, "values"]]
+Values: TypeAlias = Callable[[Conditions, str], Float[np.ndarray, "values"]]
+"""Of the results and the estimator that the claim is put to: the paper's network, or a null."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,7 @@ class Claim:
         values: One value a recording.
         criterion: When it holds, in words.
         holds: The same in code, on the interval's ends.
+        learned: Whether it is about what is learned; one about the recordings alone has no nulls.
     """
 
     name: str
@@ -42,68 +48,90 @@ class Claim:
     values: Values
     criterion: str
     holds: Callable[[float, float], bool]
+    learned: bool = True
 
 
 def judged(found: Conditions) -> list[dict[str, Any]]:
-    """Every claim as ``{name, statement, asked_by, measured, interval, criterion, holds}``.
+    """Every claim with what came out.
 
-    ``holds`` is None where there is no interval to decide by.
+    Returns:
+        ``name``, ``statement``, ``asked_by`` and ``criterion``; ``measured``, the mean of the values, ``least`` and
+        ``most`` of them, and ``interval``. ``met`` is whether the paper's network meets the criterion, ``passed_by``
+        names the null estimators that do. ``holds`` is False for a claim that one of them passes, which ``cannot_fail``
+        marks; None where there is no interval to decide by.
     """
     every = []
     for claim in CLAIMS:
-        values = np.asarray(claim.values(found), dtype=float)
-        of = statistics.interval(values)
-        ends = [of.lower, of.upper] if np.isfinite(values).all() and np.isfinite(of.lower) else None
+        values, ends, met = _decided(claim, found, NETWORK)
+        passed_by = [null for null in NULLS if _decided(claim, found, null)[2]] if claim.learned else []
         every.append(
             {
                 "name": claim.name,
                 "statement": claim.statement,
                 "asked_by": claim.asked_by,
                 "measured": float(np.mean(values)),
+                "least": float(np.min(values)),
+                "most": float(np.max(values)),
                 "interval": ends,
                 "criterion": claim.criterion,
-                "holds": None if ends is None else bool(claim.holds(*ends)),
+                "met": met,
+                "passed_by": passed_by,
+                "cannot_fail": bool(passed_by),
+                "holds": met and not passed_by if met is not None else None,
             }
         )
     return every
 
 
+def _decided(
+    claim: Claim, found: Conditions, estimator: str
+) -> tuple[Float[np.ndarray, "values"], list[float] | None, bool | None]:
+    """Values of a claim put to an estimator, the ends of their interval, and whether these meet the criterion."""
+    values = np.asarray(claim.values(found, estimator), dtype=float)
+    of = statistics.interval(values)
+    if not np.isfinite(values).all() or not np.isfinite(of.lower):
+        return values, None, None
+    return values, [of.lower, of.upper], bool(claim.holds(of.lower, of.upper))
+
+
 def _of(condition: str, score: str, **at: object) -> Values:
-    return lambda found: found.score(condition, NETWORK, score, **at)
+    return lambda found, estimator: found.score(condition, estimator, score, **at)
 
 
 def _worst_correlation(condition: str) -> Values:
-    return lambda found: found.score(condition, NETWORK, "velocity_correlation").min(axis=1)
+    return lambda found, estimator: found.score(condition, estimator, "velocity_correlation").min(axis=1)
 
 
-def _log_ratio(upper: tuple[str, str], lower: tuple[str, str]) -> Values:
-    """Logarithm of the ratio of displacement errors, paired by seed; each side is (condition, estimator)."""
+def _log_ratio(upper: str, lower: str, rival: str = "") -> Values:
+    """Logarithm of the ratio of displacement errors, paired by seed, of two conditions; of a rival in the second."""
 
-    def values(found: Conditions) -> Float[np.ndarray, "seed"]:
-        one, other = (found.score(*side, "displacement_error") for side in (upper, lower))
-        return np.log(one / other)
+    def values(found: Conditions, estimator: str) -> Float[np.ndarray, "seed"]:
+        one = found.score(upper, estimator, "displacement_error")
+        return np.log(one / found.score(lower, rival or estimator, "displacement_error"))
 
     return values
 
 
-def _falls(found: Conditions) -> Float[np.ndarray, "seed"]:
-    errors = found.score("noisy_500", NETWORK, "topological_errors")[:, 0]
+def _falls(found: Conditions, estimator: str) -> Float[np.ndarray, "seed"]:
+    errors = found.score("noisy_500", estimator, "topological_errors")[:, 0]
     return errors[:, -1] / np.maximum(errors[:, 0], 1.0)
 
 
-def _other_first_maps(found: Conditions) -> Float[np.ndarray, "maps"]:
-    errors = found.score("noisy_500", NETWORK, "topological_errors")[:, 1:].reshape(-1, found.results.sizes["snapshot"])
+def _other_first_maps(found: Conditions, estimator: str) -> Float[np.ndarray, "maps"]:
+    errors = found.score("noisy_500", estimator, "topological_errors")[:, 1:].reshape(
+        -1, found.results.sizes["snapshot"]
+    )
     errors = errors[np.isfinite(errors).all(1)]
     return errors[:, -1] / np.maximum(errors[:, 0], 1.0)
 
 
-def _relative_span(found: Conditions) -> Float[np.ndarray, "seed"]:
-    own, direct = (found.score("noisy_500", name, "spans")[:, -1] for name in (NETWORK, DIRECT))
+def _relative_span(found: Conditions, estimator: str) -> Float[np.ndarray, "seed"]:
+    own, direct = (found.score("noisy_500", name, "spans")[:, -1] for name in (estimator, DIRECT))
     return (own / direct).mean(axis=1)
 
 
-def _disparity_beyond_sight(found: Conditions) -> Float[np.ndarray, "seed"]:
-    return found.score("noisy_500", NETWORK, "disparity") - found.score("noisy_500", DIRECT, "disparity")
+def _disparity_beyond_sight(found: Conditions, estimator: str) -> Float[np.ndarray, "seed"]:
+    return found.score("noisy_500", estimator, "disparity") - found.score("noisy_500", DIRECT, "disparity")
 
 
 CLAIMS: tuple[Claim, ...] = (
@@ -143,15 +171,16 @@ CLAIMS: tuple[Claim, ...] = (
         "posture_has_little_effect",
         "The posture difference has little effect on the Jacobian (section 3.2).",
         "paper",
-        lambda found: found.fact("noise_free", "jacobian_change"),
+        lambda found, estimator: found.fact("noise_free", "jacobian_change"),
         "change of the mean true Jacobian from circle to face, in the motion's metric: interval below 0.2",
         lambda low, high: high < 0.2,
+        learned=False,
     ),
     Claim(
         "noise_needs_more_steps",
         "With noise the learning steps have to increase from 200 to 500 (section 4.1).",
         "paper",
-        _log_ratio(("noisy_500", NETWORK), ("noisy_200", NETWORK)),
+        _log_ratio("noisy_500", "noisy_200"),
         "log ratio of displacement errors, 500 over 200 steps with noise: interval below log 0.95",
         lambda low, high: high < float(np.log(0.95)),
     ),
@@ -159,7 +188,7 @@ CLAIMS: tuple[Claim, ...] = (
         "no_gain_without_noise",
         "Control of the above: without noise, 500 steps gain nothing over 200.",
         "us",
-        _log_ratio(("noise_free_500", NETWORK), ("noise_free_200", NETWORK)),
+        _log_ratio("noise_free_500", "noise_free_200"),
         "log ratio of displacement errors, 500 over 200 steps without noise: interval above log 0.95",
         lambda low, high: low > float(np.log(0.95)),
     ),
@@ -231,7 +260,7 @@ CLAIMS: tuple[Claim, ...] = (
         "network_beats_least_squares",
         "The network is better than one constant Jacobian by least squares.",
         "us",
-        _log_ratio(("noisy_500", NETWORK), ("noisy_500", "least_squares")),
+        _log_ratio("noisy_500", "noisy_500", "least_squares"),
         "log ratio of displacement errors on the face: interval below 0",
         lambda low, high: high < 0.0,
     ),
@@ -239,7 +268,7 @@ CLAIMS: tuple[Claim, ...] = (
         "network_beats_scaled_least_squares",
         "It is also better than least squares told the ratio of depths.",
         "us",
-        _log_ratio(("noisy_500", NETWORK), ("noisy_500", "least_squares_scaled")),
+        _log_ratio("noisy_500", "noisy_500", "least_squares_scaled"),
         "log ratio of displacement errors on the face: interval below 0",
         lambda low, high: high < 0.0,
     ),

@@ -19,7 +19,7 @@ from bodyimage_kin.published.fuke2007.corruption import DOSES, Corrupted
 from bodyimage_kin.published.fuke2007.scores import FACTS, SCORES
 from bodyimage_kin.recordings import Noise
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
-from bodyimage_kin.study import Row, Simulation, Study
+from bodyimage_kin.study import Row, Simulation, Study, specs
 
 __all__ = [
     "BLINDNESS",
@@ -29,6 +29,7 @@ __all__ = [
     "GAMMA",
     "MOTIONS",
     "NETWORK",
+    "NULLS",
     "Condition",
     "check",
     "corrupted_row",
@@ -84,6 +85,12 @@ CONDITIONS = (
     Condition("noisy_200", "noisy", steps=200),
     Condition("noisy_500", "noisy", steps=500, paper=True),
 )
+NULLS: Mapping[str, Mapping[str, Any]] = {
+    f"null_{specs.snake(name)}": {f"bodyimage_kin.estimators.nulls:{name}": {"truth": {"Analytic": {}}}}
+    for name in ("Scaled", "Rotated", "RankOne", "OtherArm", "Zero")
+}
+"""Rows of true Jacobians spoiled beyond use, to which each claim is put: a tenth of the size, turned by 30 degrees, of
+rank one, another arm's, zero."""
 ESTIMATORS = (NETWORK, "least_squares", "least_squares_scaled", "analytic", "analytic_midpoint", DIRECT)
 """Rows of every condition."""
 
@@ -154,6 +161,8 @@ def grid(
         "analytic_midpoint": Row("Analytic", method="midpoint"),
         DIRECT: Row(),
     }
+    judged = tuple(name for name in MOTIONS if name != "kinematic")
+    rows |= {name: Row(table, on=judged, first_maps={"0": _FIRST_MAPS}) for name, table in NULLS.items()}
     for kind, doses in DOSES.items():
         for dose in doses:
             rows[corrupted_row(kind, dose)] = Row(Corrupted(None, kind, dose), on=(BLINDNESS,))
