@@ -408,15 +408,19 @@ class Scene(Shown):
         return one.assign(hand_image=(("trial", "time", "axis"), unseen, {"units": self.body.camera.model.unit}))
 
     def _grow(self, kept: _Kept, of: xr.Dataset, trial: int) -> None:
-        """Lets the tactile map learn from the estimate, where there are touches and a skin that is a grid."""
+        """Lets the tactile map learn from the estimate, where there are touches and a skin."""
         skin = self.body.skin
-        if skin is None or skin.shape is None or "touched" not in of or not (of["touched"].values[trial] >= 0).any():
+        if skin is None or "touched" not in of or not (of["touched"].values[trial] >= 0).any():
             return
         one = of.isel(trial=[trial])
         steps = np.unique(np.linspace(0, one.sizes["time"], _SNAPSHOTS).astype(int))
-        learned = BodyImage.learn(
-            experience(self._with_axes(one)), kept.estimate[None], skin=skin, snapshots=steps.tolist()
-        )
+        try:
+            learned = BodyImage.learn(
+                experience(self._with_axes(one)), kept.estimate[None], skin=skin, snapshots=steps.tolist()
+            )
+        except BodyImageKinError as problem:
+            kept.problem = f"no map: {problem}"
+            return
         kept.maps, kept.steps = learned.history["tactile_maps"], learned.history["steps"]
 
     def _recording(self, name: str) -> xr.Dataset:

@@ -233,3 +233,4 @@ def test_the_touches_of_a_real_robot_are_gone_through(real_data, tmp_path):
     gone = [int(np.isfinite(moment.values).sum()) for moment in moments]
     assert gone == sorted(gone)
     assert gone[-1] > 50
+    assert moments[-1].map.shape == (skin.count, 3)
