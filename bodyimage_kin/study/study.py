@@ -25,8 +25,8 @@ from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.recordings import write_recording
 from bodyimage_kin.study import asked, cells, executors, results, running, specs, store
+from bodyimage_kin.study.blocks import blocks
 from bodyimage_kin.study.context import Score
-from bodyimage_kin.study.grid import blocks
 from bodyimage_kin.study.scoring import PROBES, default_facts, default_scores, need_maps
 from bodyimage_kin.study.specs import ESTIMATOR, Table
 from bodyimage_kin.study.store import Store
