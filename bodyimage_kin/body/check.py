@@ -64,7 +64,7 @@ def check_embodiment(
             which the hand is at home.
         file: The TOML file that the body was read from: a robot from outside its folder is told; None: it was put together
             in code.
-        mesh_folder: Where meshes may lie, subfolders included; None: beside the URDF.
+        mesh_folder: Where meshes may lie, subfolders included; None: as the robot says, or beside the URDF.
 
     Returns:
         What was found, errors first; nothing of a body that is fit for all.
@@ -236,7 +236,7 @@ def _meshes(body: Embodiment, folder: Path | None) -> Iterator[Finding]:
             if isinstance(shape, Mesh) and shape.filename not in names:
                 names.add(shape.filename)
                 try:
-                    mesh_path(shape, link, body.robot.file, folder)
+                    mesh_path(shape, link, body.robot.file, folder or body.robot.mesh_folder)
                 except BodyImageKinError as problem:
                     missing[shape.filename] = str(problem)
     if missing:

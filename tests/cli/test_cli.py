@@ -15,9 +15,9 @@ import bodyimage_kin as bk
 from bodyimage_kin import cli
 
 COMMANDS = (
-    "reproduce", "study", "report", "simulate", "import", "fit", "score", "calibrate", "next", "embodiment", "conform",
-    "doctor",
-)  # fmt: skip
+    *("reproduce", "study", "report", "simulate", "import", "fit", "score", "calibrate", "next"),
+    *("embodiment", "view", "conform", "doctor"),
+)
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
