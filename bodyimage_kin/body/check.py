@@ -62,8 +62,8 @@ def check_embodiment(
         radius: Of the circle that is to be seen [m].
         distance: Of the circle, as in :meth:`Embodiment.circle_frame` [m]; None: 0.03, or, without a skin, the depth at
             which the hand is at home.
-        file: The TOML file that the body was read from: a robot from outside its folder is told; None: it was put together
-            in code.
+        file: The TOML file that the body was read from: a robot from outside its folder is told; None: it was put
+            together in code.
         mesh_folder: Where meshes may lie, subfolders included; None: as the robot says, or beside the URDF.
 
     Returns:
@@ -250,7 +250,9 @@ def _robot(body: Embodiment, file: Path | None) -> Iterator[Finding]:
         return
     place, folder = body.robot.file.resolve(), file.resolve().parent
     if not place.is_relative_to(folder):
-        yield Finding("note", "robot", f"'urdf' is read from outside the file's folder: {place}; a copy goes without it")
+        yield Finding(
+            "note", "robot", f"'urdf' is read from outside the file's folder: {place}; a copy goes without it"
+        )
 
 
 def _depths(body: Embodiment, q: Float[Tensor, "count p"]) -> str:

@@ -127,8 +127,8 @@ def _table(numbers: Mapping[str, Any]) -> str:
     """One table a recording, the smallest error on the face first."""
     lines = [
         f"{_caption(numbers)} *ratio*: geometric mean over that of {figures.label(numbers['baseline'])}, paired by "
-        f"recording; p by flipped signs, adjusted (Holm){_family(numbers)}. *scale*, *variation*: these parts of the squared error "
-        f"{figures.label(numbers['compared_at'])}. (k of n): recordings that did not fail.",
+        f"recording; p by flipped signs, adjusted (Holm){_family(numbers)}. *scale*, *variation*: these "
+        f"parts of the squared error {figures.label(numbers['compared_at'])}. (k of n): recordings that did not fail.",
     ]
     columns = _columns(numbers)
     for place in numbers["scores"]:
