@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -120,22 +120,8 @@ class Calibrated:
             theta: (parameters,) in the order of :attr:`parameters`, zero for what is as it was thought to be.
         """
         values = as_float_array(theta, "theta", shapes=((len(self.parameters),),))
-        body, parametric = self.problem.body, self.problem.parametric
-        mounts = parametric.mounted(values)
-        point = _moved(mounts.get("hand"), body.hand.offset.numpy())
-        hand = replace(body.hand, offset=torch.from_numpy(point))
-        skin = body.skin.moved(mounts["skin"]) if body.skin is not None and "skin" in mounts else body.skin
-        robot = body.robot.with_origins(parametric.corrected(values))
-        return Embodiment.build(
-            robot,
-            joints=body.joints,
-            hand=hand,
-            camera=self._camera(values, mounts),
-            skin=skin,
-            home=body.home,
-            name=body.name,
-            backend=body.kinematics.name,
-        )
+        parametric = self.problem.parametric
+        return parametric.body_at(self.problem.body, values, self._camera(values, parametric.mounted(values)))
 
     def _camera(
         self, values: Float[np.ndarray, "parameters"], mounts: Mapping[str, Float[np.ndarray, "4 4"]]
@@ -293,10 +279,6 @@ class Calibrated:
             "hardly moved": ", ".join(self.still) or "none",
         }
         return table("Calibrated", self.verdict, rows)
-
-
-def _moved(pose: Float[np.ndarray, "4 4"] | None, point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    return point if pose is None else pose[:3, :3] @ point + pose[:3, 3]
 
 
 def _unit(term: object) -> str:

@@ -25,7 +25,7 @@ _NUISANCE: tuple[Group, ...] = ("tracker", "plane")
 """Where a tracker or a plane stands is nobody's question, and always free."""
 _DEFAULT: tuple[Group, ...] = ("axes", "offsets", "hand", "skin", *_NUISANCE)
 _ORDER: tuple[Group, ...] = ("hand", "skin", "encoders", "camera", "intrinsics", "offsets", "axes")
-"""Groups that ``free="auto"`` tries, those of few numbers first where two help alike."""
+"""Groups that ``free="auto"`` tries."""
 _GAIN = 0.05
 """Share by which a group must lower the held-out error to be freed."""
 
@@ -50,8 +50,9 @@ def calibrate(
         observed: An experience, or several; an :class:`Observed` says what in it counts, and by which camera.
         prior: How far each measure may be off; None: :class:`Prior`'s defaults.
         free: Groups of parameters that are fitted: ``axes``, ``offsets``, ``encoders``, ``hand``, ``camera``,
-            ``intrinsics``, ``skin``. None: axes, offsets, hand and skin. ``"auto"``: one group after the other, as long
-            as the held-out error falls. A tracker's frame and a plane are always free.
+            ``intrinsics``, ``skin``. None: axes, offsets, hand and skin. ``"auto"``: one group after the other, the one
+            that helps most for each of its numbers first, as long as the held-out error falls. A tracker's frame and a
+            plane are always free.
         robust: Cauchy's cost (observations beyond three standard deviations lose weight), else squares.
         folds: Number of blocks that are held out in turn where the recording has none of its own.
 
@@ -143,20 +144,29 @@ def _groups(free: Sequence[Group] | str | None) -> tuple[Group, ...]:
 
 
 def _chosen(problem: Problem, prior: Prior, robust: bool) -> tuple[tuple[Group, ...], HeldOut]:
-    """Frees the group that lowers the held-out error most, until none lowers it by more than :data:`_GAIN`."""
-    there = {parameter.group for parameter in problem.parametric.parameters}
-    left = [group for group in _ORDER if group in there]
+    """Frees the group that helps most for each of its numbers, until none lowers the held-out error by :data:`_GAIN`.
+
+    For each number: a group of many that helps a little more than one of few would be chosen first, and keep it out.
+    """
+    left = [group for group in _ORDER if _numbers(problem, group)]
     groups: tuple[Group, ...] = ()
     best = hold_out(problem, prior, groups, robust)
     while left:
         tried = {group: hold_out(problem, prior, (*groups, group), robust) for group in left}
         ratio = {group: _compared(one, best) for group, one in tried.items()}
-        group = min(left, key=lambda one: ratio[one])
-        if ratio[group] > 1.0 - _GAIN:
+        helpful = [group for group in left if ratio[group] <= 1.0 - _GAIN]
+        if not helpful:
             break
+        group = min(helpful, key=lambda one: np.log(ratio[one]) / _numbers(problem, one))
         groups, best = (*groups, group), tried[group]
         left.remove(group)
     return groups, best
+
+
+def _numbers(problem: Problem, group: Group) -> int:
+    """How many numbers of a group may be freed."""
+    parameters = enumerate(problem.parametric.parameters)
+    return sum(one.group == group and index not in problem.held for index, one in parameters)
 
 
 def _compared(one: HeldOut, other: HeldOut) -> float:

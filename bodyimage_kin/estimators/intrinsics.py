@@ -56,6 +56,11 @@ class Intrinsics:
                 lambda changed, values: _with_sides(changed, sides, values),
                 lambda changed, points: _slope_of_sides(changed, sides, points),
             )
+        return cls.held(model)
+
+    @classmethod
+    def held(cls, model: CameraModel) -> Intrinsics:
+        """Those of a camera whose numbers are known."""
         return cls(
             model, (), lambda changed, values: changed, lambda changed, points: np.zeros((len(points), model.m, 0))
         )

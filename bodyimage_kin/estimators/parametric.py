@@ -20,8 +20,10 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
+from bodyimage_kin.body import Camera, Embodiment
 from bodyimage_kin.robot import Robot, transforms
 from bodyimage_kin.robot.tree import Joint
 
@@ -189,6 +191,30 @@ class ParametricBody:
             mount.name: mount.link_T_mount @ _small(theta[self._first[f"mount {mount.name}"] :][:6], np.eye(3))[0]
             for mount in self.mounts
         }
+
+    def body_at(
+        self, body: Embodiment, theta: Float[np.ndarray, "parameters"], camera: Camera | None = None
+    ) -> Embodiment:
+        """The body that these numbers describe: joints, hand and skin where they are found.
+
+        Args:
+            body: As it is thought to be.
+            theta: Values of :attr:`parameters`.
+            camera: Its camera; None: as it is thought to be.
+        """
+        mounts = self.mounted(theta)
+        pose = mounts.get("hand", np.eye(4))
+        point = pose[:3, :3] @ body.hand.offset.numpy() + pose[:3, 3]
+        return Embodiment.build(
+            body.robot.with_origins(self.corrected(theta)),
+            joints=body.joints,
+            hand=replace(body.hand, offset=torch.from_numpy(point)),
+            camera=camera or body.camera,
+            skin=body.skin.moved(mounts["skin"]) if body.skin is not None and "skin" in mounts else body.skin,
+            home=body.home,
+            name=body.name,
+            backend=body.kinematics.name,
+        )
 
     # Inner -----------------------------------------------------------------------------------------------------------
 

@@ -18,15 +18,20 @@ from jaxtyping import Float
 from torch import Tensor
 
 from bodyimage_kin import _checks
+from bodyimage_kin.body import VirtualScreen
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidRecording
 from bodyimage_kin.estimators._field import ImageModel
 from bodyimage_kin.estimators._samples import Samples, samples
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.chain import Chain
+from bodyimage_kin.estimators.evidence import Images
+from bodyimage_kin.estimators.intrinsics import Intrinsics
+from bodyimage_kin.estimators.map_fit import maximum_a_posteriori
+from bodyimage_kin.estimators.parametric import Mount, Parameter, ParametricBody
 from bodyimage_kin.recordings import require_aligned
 
-__all__ = ["CalibratedChain", "SelfCalibration"]
+__all__ = ["CalibratedBody", "CalibratedChain", "SelfCalibration"]
 
 _ROUNDING = 1e-20
 """Mean squared residual, in units of the images' variance, below which nothing is left to explain."""
@@ -59,36 +64,76 @@ class CalibratedChain(ImageModel):
 
 
 @dataclass(frozen=True, eq=False)
-class SelfCalibration(Estimator):
-    """Finds the axes and offsets of the chain from camera to hand that explain the hand images seen.
-
-    Prior knowledge, all of it: which joints stand between camera and hand, in which order, and whether they turn or
-    slide; the camera's screen distance; and roughly the geometry, as a start: the body's own, every axis and offset
-    disturbed at random. Each start descends on what was seen (Levenberg-Marquardt, each parameter scaled by its
-    spread); the one that explains it best is kept, and one that explains it to rounding ends the search.
+class CalibratedBody(ImageModel):
+    """A body whose measures were found from images of any camera, the others being as they were thought to be.
 
     Attributes:
-        body: Whose structure is known.
-        starts: Number of disturbed starts.
-        axis_spread: Standard deviation of what is added to each component of a unit axis, at each start.
-        offset_spread: Standard deviation of what is added to each component of an offset, at each start [m].
-        steps: Most steps of descent from each start.
+        body: As it was found.
     """
 
     body: Embodiment
-    starts: int = 6
-    axis_spread: float = 0.2
-    offset_spread: float = 0.02
+
+    @property
+    def p(self) -> int:
+        """Number of felt joints."""
+        return self.body.p
+
+    @property
+    def m(self) -> int:
+        """Number of coordinates of a hand image."""
+        return self.body.m
+
+    def _image(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m"]:
+        return torch.as_tensor(self.body.hand_image(q, on_invisible="nan"))
+
+    def _jacobian(self, q: Float[Tensor, "*batch p"]) -> Float[Tensor, "*batch m p"]:
+        return torch.as_tensor(self.body.hand_image_jacobian(q))
+
+
+@dataclass(frozen=True, eq=False)
+class SelfCalibration(Estimator):
+    """Finds the axes and offsets of the chain from camera to hand that explain the hand images seen.
+
+    Prior knowledge: the body as it is thought to be, and how far its measures may be off. What images do not tell stays
+    as it was thought to be, so that an arm that was seen in few postures is never known worse than before
+    (:func:`bodyimage_kin.calibrate` says how sure it is, and takes other evidence as well).
+
+    With ``starts``, the geometry is forgotten: only the structure is known (which joints stand between camera and hand,
+    in which order, whether they turn or slide, and the screen's distance), and free descents begin at the body's own
+    geometry, disturbed at random. Each start descends on what was seen (Levenberg-Marquardt, each parameter scaled by
+    its spread); the one that explains it best is kept, and one that explains it to rounding ends the search. That is
+    right in sight and worse than no calibration out of it, unless the images tell everything.
+
+    Attributes:
+        body: As it is thought to be.
+        axis_spread: Standard deviation of an axis' tilt in each of two directions [rad]; at a start, of what is added
+            to each component of a unit axis.
+        offset_spread: Standard deviation of a joint's origin in each direction [m]; at a start, of each offset.
+        hand_spread: Standard deviation of the hand's place on its link, in each direction [m].
+        starts: Number of disturbed starts without a prior; 0: with it.
+        steps: Most steps of descent from each start, or for each guess of the noise.
+        robust: With the prior: Cauchy's cost, under which images beyond three standard deviations lose weight.
+    """
+
+    body: Embodiment
+    axis_spread: float = 0.05
+    offset_spread: float = 0.005
+    hand_spread: float = 0.02
+    starts: int = 0
     steps: int = 100
+    robust: bool = True
 
     def __post_init__(self) -> None:
-        _checks.whole("starts", self.starts, least=1)
-        _checks.number("axis_spread", self.axis_spread, least=0.0)
-        _checks.number("offset_spread", self.offset_spread, least=0.0)
+        _checks.whole("starts", self.starts, least=0)
+        for name in ("axis_spread", "offset_spread", "hand_spread"):
+            _checks.number(name, getattr(self, name), least=0.0)
+            if self.starts == 0:
+                _checks.number(name, getattr(self, name), above=0.0)
         _checks.whole("steps", self.steps, least=1)
+        _checks.flag("robust", self.robust)
 
-    def fit(self, exp: xr.Dataset, seed: int = 0) -> CalibratedChain:
-        """Learns from an experience; the seed draws the starts. See :meth:`Estimator.fit`.
+    def fit(self, exp: xr.Dataset, seed: int = 0) -> CalibratedChain | CalibratedBody:
+        """Learns from an experience; the seed draws the starts, if any. See :meth:`Estimator.fit`.
 
         Raises:
             InvalidRecording: An experience of other joints than the body feels, fewer images than there are measures to
@@ -96,6 +141,42 @@ class SelfCalibration(Estimator):
             UnknownName: A joint that the body does not feel.
         """
         data = samples(require_aligned(exp, self.body))
+        if self.starts:
+            return self._freely(data, seed)
+        body = self._most_probable(data)
+        if isinstance(body.camera.model, VirtualScreen):
+            return CalibratedChain(Chain.of(body), unit=data.unit)
+        return CalibratedBody(body, unit=data.unit)
+
+    def _most_probable(self, data: Samples) -> Embodiment:
+        """The body at the mode of its posterior."""
+        body = self.body
+        camera = Mount("camera", "camera", body.camera.link, body.camera.link_T_camera.numpy())
+        hand = Mount("hand", "hand", body.hand.link, np.eye(4))
+        parametric = ParametricBody(body.felt_robot, body.joints, [camera, hand])
+        sd = np.array([self._spread(one) for one in parametric.parameters])
+        free = np.isfinite(sd)
+        if data.image.numel() <= int(free.sum()):
+            raise InvalidRecording(
+                f"{data.image.numel()} coordinates of hand images cannot tell {int(free.sum())} measures of the body "
+                "and their own noise; record more"
+            )
+        q = data.q.numpy()
+        offset = np.broadcast_to(body.hand.offset.numpy(), (len(q), 3))
+        known = Intrinsics.held(body.camera.model)
+        term = Images("images", parametric, q, offset, None, "hand", "camera", known, 0, data.image.numpy())
+        fit = maximum_a_posteriori([term], free=free, sd=sd, robust=self.robust, steps=self.steps)
+        return parametric.body_at(body, fit.theta)
+
+    def _spread(self, parameter: Parameter) -> float:
+        """Standard deviation of a measure's prior; inf of what is held."""
+        if parameter.group == "hand":
+            # Turning one point about itself does what shifting it does.
+            return self.hand_spread if parameter.unit == "m" else math.inf
+        return {"axes": self.axis_spread, "offsets": self.offset_spread}.get(parameter.group, math.inf)
+
+    def _freely(self, data: Samples, seed: int) -> CalibratedChain:
+        """The geometry that explains the images best, whatever it was thought to be."""
         chain = Chain.of(self.body)
         spread = torch.cat(
             [

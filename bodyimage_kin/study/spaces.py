@@ -95,7 +95,7 @@ SPACES: Mapping[str, Table] = {
     "Ensemble": {},
     "Conformal": {},
     # The spreads are no settings but prior knowledge: how well the body is known beforehand.
-    "SelfCalibration": {"starts": {"log_uniform": [1, 6]}, "steps": {"log_uniform": [20, 100]}},
+    "SelfCalibration": {"robust": {"choice": [True, False]}, "steps": {"log_uniform": [20, 100]}},
     # The truth, and what was learned elsewhere.
     "Analytic": {},
     "Given": {},

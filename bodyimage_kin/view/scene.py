@@ -406,7 +406,7 @@ class Scene(Shown):
         one = of.isel(trial=[trial])
         steps = np.unique(np.linspace(0, one.sizes["time"], _SNAPSHOTS).astype(int))
         learned = BodyImage.learn(
-            experience(self._with_axes(one)), kept.estimate[None], grid=skin.shape, snapshots=steps.tolist()
+            experience(self._with_axes(one)), kept.estimate[None], skin=skin, snapshots=steps.tolist()
         )
         kept.maps, kept.steps = learned.history["tactile_maps"], learned.history["steps"]
 

@@ -1,17 +1,21 @@
 """Laws of the chain from camera to hand, and of finding it."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
 import bodyimage_kin as bk
 from bodyimage_kin.body.file import embodiment_folder
-from bodyimage_kin.errors import UnknownName
+from bodyimage_kin.calibration import Prior, calibrate
+from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators import SelfCalibration
 from bodyimage_kin.estimators.chain import Chain
-from bodyimage_kin.estimators.self_calibration import CalibratedChain
+from bodyimage_kin.estimators.self_calibration import CalibratedBody, CalibratedChain
 from bodyimage_kin.metrics import pooled_relative_error
 
+FAR = {"axis_spread": 0.2, "offset_spread": 0.02}
 FELT = 'joints = ["left_shoulder_pitch", "left_shoulder_roll", "left_shoulder_yaw", "left_elbow", "left_wrist"]'
 
 
@@ -86,14 +90,14 @@ def test_no_image_shows_the_common_scale(body):
 
 
 def test_what_a_circle_shows_tells_the_face(body, circle):
-    learned = SelfCalibration(body, starts=3).fit(bk.experience(circle), seed=0)
+    learned = SelfCalibration(body, starts=3, **FAR).fit(bk.experience(circle), seed=0)
     face = body.touch_postures(np.arange(0, body.skin.count, 8))
     assert pooled_relative_error(body.hand_image_jacobian(face), learned.jacobian(face)) < 0.02
 
 
 def test_a_start_is_not_the_truth(body, circle):
     """With next to no descent the answer is wrong: nothing leaks from the body but what the docstring says."""
-    start = SelfCalibration(body, starts=1, steps=1).fit(bk.experience(circle), seed=0)
+    start = SelfCalibration(body, starts=1, steps=1, **FAR).fit(bk.experience(circle), seed=0)
     face = body.touch_postures(np.arange(0, body.skin.count, 8))
     assert pooled_relative_error(body.hand_image_jacobian(face), start.jacobian(face)) > 0.1
 
@@ -101,3 +105,70 @@ def test_a_start_is_not_the_truth(body, circle):
 def test_a_body_of_other_joints_is_refused(strange, circle):
     with pytest.raises(UnknownName, match="no felt joint 'left_"):
         SelfCalibration(strange).fit(bk.experience(circle))
+
+
+# With a prior --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def off(body, circle):
+    """An infant whose axes and offsets are off by as much as the prior says."""
+    thought = calibrate(body, bk.experience(circle), free=["axes"], folds=2)
+    sd = thought.prior.sds(thought.parameters)
+    wrong = np.isin([one.group for one in thought.parameters], ["axes", "offsets"])
+    return thought.at(np.where(wrong, sd, 0.0) * np.random.default_rng(5).standard_normal(len(sd)))
+
+
+@pytest.fixture(scope="module")
+def seen(off):
+    motion = bk.motions.Circle(turns=1.0)
+    return bk.experience(bk.simulate(off, motion, seed=1, dynamics=False, noise=bk.Noise(image=2e-4)))
+
+
+def on_face(off, learned):
+    face = off.touch_postures(np.arange(0, off.skin.count, 8))
+    return pooled_relative_error(off.hand_image_jacobian(face), learned.jacobian(face))
+
+
+def test_out_of_sight_a_prior_beats_the_drawing_and_a_free_descent(body, off, seen):
+    nominal = on_face(off, bk.estimators.Nominal(body).fit(seen))
+    free = on_face(off, SelfCalibration(body, starts=1, **FAR).fit(seen, seed=0))
+    known = on_face(off, SelfCalibration(body).fit(seen))
+    assert known < 0.35 * min(nominal, free)
+
+
+def test_it_is_the_core_that_calibrates_bodies(body, seen):
+    learned = SelfCalibration(body).fit(seen)
+    found = calibrate(body, seen, prior=Prior(hand_shift=0.02), free=["axes", "offsets", "hand"], folds=2).body
+    q = found.touch_postures([0, 220, 440])
+    torch.testing.assert_close(learned.jacobian(q), found.hand_image_jacobian(q), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", [bk.Pinhole(fx=800.0, fy=790.0, cx=320.0, cy=240.0), bk.Tracker()], ids=["px", "m"])
+def test_any_camera_will_do(body, off, model):
+    thought, true = (
+        dataclasses.replace(one, camera=bk.Camera(one.camera.link, one.camera.link_T_camera, model))
+        for one in (body, off)
+    )
+    q = true.touch_postures(range(0, 441, 4), distance=0.03)
+    exp = bk.recording(
+        q=q.numpy(), hand_image=true.hand_image(q).numpy(), joints=list(body.joints), order="scattered",
+        unit=model.unit,
+    )  # fmt: skip
+    learned = SelfCalibration(thought).fit(exp)
+    assert isinstance(learned, CalibratedBody)
+    assert (learned.m, learned.p, learned.unit) == (model.m, 5, model.unit)
+    J, nominal = true.hand_image_jacobian(q), thought.hand_image_jacobian(q)
+    assert pooled_relative_error(J, learned.jacobian(q)) < 0.2 * pooled_relative_error(J, nominal)
+    torch.testing.assert_close(
+        learned.hand_image(q), true.hand_image(q), rtol=0.0, atol=1e-3 * float(exp.hand_image.std())
+    )
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_it_cannot_do_is_said(body, seen):
+    with pytest.raises(InvalidRecording, match="and their own noise"):
+        SelfCalibration(body).fit(seen.isel(time=slice(0, 5)))
+    with pytest.raises(InvalidConfig, match="axis_spread=0"):
+        SelfCalibration(body, axis_spread=0)
+    assert SelfCalibration(body, starts=1, axis_spread=0).axis_spread == 0
