@@ -52,7 +52,7 @@ class Simulate(Command):
     )
 
     motion: Annotated[str, Positional, arg(metavar="MOTION")]
-    """What the hand does: Circle, FaceTour, RandomTouch, or package.module:Class."""
+    """What the hand does: Circle, Circles, Lissajous, Babbling, FaceTour, RandomTouch, or package.module:Class."""
     out: File
     """The recording's file, NetCDF."""
     embodiment: Annotated[str, arg(metavar="NAME|TOML")] = "infant"
