@@ -134,6 +134,21 @@ def test_a_body_is_proposed_written_and_drawn(tmp_path, capsys):
     assert "eye" in told.out
 
 
+def test_a_robot_from_outside_the_files_folder_is_told(tmp_path, capsys):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    body = bk.load_embodiment("infant")
+    (tmp_path / "infant.urdf").write_bytes(body.robot.source)
+    (inner / "infant.urdf").write_bytes(body.robot.source)
+    (inner / "out.toml").write_text(body.to_toml("../infant.urdf"))
+    (inner / "in.toml").write_text(body.to_toml("infant.urdf"))
+    assert cli.main(["embodiment", "check", str(inner / "out.toml")]) == 0
+    place = (tmp_path / "infant.urdf").resolve()
+    assert f"note: robot: 'urdf' is read from outside the file's folder: {place}" in capsys.readouterr().out
+    assert cli.main(["embodiment", "check", str(inner / "in.toml")]) == 0
+    assert "outside" not in capsys.readouterr().out
+
+
 def test_findings_of_a_body_as_json(capsys):
     assert cli.main(["embodiment", "check", "infant", "--paper", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"embodiment": "infant", "fit": True, "findings": []}
