@@ -45,7 +45,9 @@ def vertices_of(
     found = []
     for element in geometry.collisions or geometry.visuals:
         try:
-            corners = np.asarray(triangulate(element.shape, link, robot.file, mesh_folder or robot.mesh_folder).vertices)
+            corners = np.asarray(
+                triangulate(element.shape, link, robot.file, mesh_folder or robot.mesh_folder).vertices
+            )
         except BodyImageKinError as problem:
             if problems is not None:
                 problems.append(str(problem))

@@ -42,7 +42,9 @@ class Check:
         from bodyimage_kin.body.file import load_embodiment
 
         body = load_embodiment(self.file)
-        return _told(body, check_embodiment(body, paper=self.paper, mesh_folder=self.mesh_folder), self.json)
+        file = Path(self.file) if self.file.endswith(".toml") else None
+        found = check_embodiment(body, paper=self.paper, mesh_folder=self.mesh_folder, file=file)
+        return _told(body, found, self.json)
 
 
 @dataclass(frozen=True)
