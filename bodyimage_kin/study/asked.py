@@ -12,7 +12,7 @@ from typing import Any
 
 import xarray as xr
 
-from bodyimage_kin._checks import refuse, whole
+from bodyimage_kin._checks import refuse, text, whole
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import embodiments as known_embodiments
 from bodyimage_kin.body.file import load_embodiment
@@ -26,7 +26,17 @@ from bodyimage_kin.study.scoring import PROBES, built_probe, probe_name, resolve
 from bodyimage_kin.study.specs import ESTIMATOR, MOTION, PROBE, Table
 from bodyimage_kin.study.store import body_files, fingerprint
 
-__all__ = ["Reader", "first_maps_of", "map_settings_of", "named", "named_bodies", "probe_key", "row_name", "seeds_of"]
+__all__ = [
+    "Reader",
+    "first_maps_of",
+    "labels_of",
+    "map_settings_of",
+    "named",
+    "named_bodies",
+    "probe_key",
+    "row_name",
+    "seeds_of",
+]
 
 _TOUCH_DURATION = 80.0
 """Time of touching [s]; by then the motion's metric has settled to a few per cent. Maps take ten times as long."""
@@ -220,6 +230,13 @@ def map_settings_of(given: Any) -> Table:
     known = [name for name in inspect.signature(BodyImage.learn).parameters if name not in _GIVEN_BY_US]
     specs.refuse_unknown("setting of maps", given, known)
     return {name: specs.written(f"maps: {name}", value) for name, value in given.items()}
+
+
+def labels_of(given: Any) -> dict[str, str]:
+    """Labels by name, known to be text."""
+    if not isinstance(given, Mapping | None):
+        refuse("labels", given, "a table, NAME -> label")
+    return {text("labels", name): text(f"labels.{name}", label) for name, label in (given or {}).items()}
 
 
 def named(what: str, given: Any, name: Callable[[Any], str] | None = None) -> dict[str, Any]:
