@@ -226,6 +226,8 @@ def test_a_look_at_a_body_tells_of_its_skin(folder):
 
 
 def test_a_study_scores_maps_of_a_skin_that_is_no_grid(folder):
+    ball = '<collision><geometry><sphere radius="0.08"/></geometry></collision>'
+    (folder / "r.urdf").write_text(ARM.format(head=ball), encoding="utf-8")
     body = load(folder, POINTS)
     touch, circle = bk.motions.RandomTouch(duration=20.0), bk.motions.Circle(radius=0.02, turns=1.0)
     near = bk.study.Simulation(circle, use=touch, tour=touch, dynamics=False)
