@@ -18,6 +18,7 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.hand import Hand
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.meshes import package_file
 
 __all__ = ["embodiment_folder", "embodiments", "load_embodiment"]
 
@@ -36,6 +37,8 @@ def embodiments() -> tuple[str, ...]:
 
 def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type | None = None) -> Embodiment:
     """An embodiment by name, or from a TOML file.
+
+    Its robot is a file beside it, or one of a package: ``urdf = "package://example-robot-data/robots/..."``.
 
     A camera model of one's own, ``model = "package.module:Class"``, is looked for in what is installed, beside the file
     and in the current folder; it is looked at before it is built of the table's other fields.
@@ -72,8 +75,7 @@ def save_embodiment(body: Embodiment, path: str | Path) -> Path:
     path = Path(path)
     if path.suffix != ".toml":
         raise InvalidConfig(f"'{path}' is no name of an embodiment's file; let it end in .toml")
-    urdf = _robot_beside(body.robot, path)
-    write_text(path, body.to_toml(urdf))
+    write_text(path, body.to_toml(_robot_beside(body.robot, path)))
     return path
 
 
@@ -95,6 +97,7 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     mistakes = Mistakes(path.name)
     table = Table(values, path.name, mistakes)
     name, urdf = table.text("name"), table.text("urdf", "the robot's file")
+    meshes = table.take("mesh_folder", lambda field, value: path.parent / _checks.text(field, value), default=None)
     joints = table.take("joints", _names, wanted="a list of joint names")
     home, hand = table.table("home", default=None), table.table("hand")
     camera, skin = table.table("camera"), table.table("skin", default=None)
@@ -107,7 +110,8 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     posture: Any = None
     if urdf is not None:
         with mistakes.noted():
-            robot = Robot.from_urdf(path.parent / urdf)
+            place = package_file(urdf) if urdf.startswith("package:") else path.parent / urdf
+            robot = Robot.from_urdf(place, mesh_folder=meshes)
     if robot is not None:
         links = {
             what: one.values["link"]

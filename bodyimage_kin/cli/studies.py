@@ -86,19 +86,28 @@ class Study(Command):
     """Number of processes; by default one a core."""
     retry: Flag = False
     """Try cells again that failed before."""
+    twice: Flag = False
+    """Compute each cell twice, and fail those that come out differently."""
     json: Flag = False
     """With --status: as JSON, for a machine."""
 
     def __call__(self) -> int:
         """Runs it."""
-        from bodyimage_kin.cli import study as commands
-
         if self.status is not None:
-            return commands.status_command(self.status, json=self.json)
+            from bodyimage_kin.cli.status import status_command
+
+            return status_command(self.status, json=self.json)
         if self.file is None or self.out is None:
             raise InvalidConfig("give a study file and --out DIR, or --status DIR")
+        from bodyimage_kin.cli import study as commands
+
         return commands.study_command(
-            self.file, self.out, workers=self.workers, scheduler=self.scheduler, retry=self.retry
+            self.file,
+            self.out,
+            workers=self.workers,
+            scheduler=self.scheduler,
+            retry=self.retry,
+            twice=self.twice,
         )
 
 

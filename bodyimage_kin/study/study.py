@@ -25,8 +25,9 @@ from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.recordings import write_recording
 from bodyimage_kin.study import asked, cells, executors, results, running, specs, store
+from bodyimage_kin.study.blocks import blocks
 from bodyimage_kin.study.context import Score
-from bodyimage_kin.study.grid import blocks
+from bodyimage_kin.study.fitness import refuse_unfit
 from bodyimage_kin.study.scoring import PROBES, default_facts, default_scores, need_maps
 from bodyimage_kin.study.specs import ESTIMATOR, Table
 from bodyimage_kin.study.store import Store
@@ -65,6 +66,7 @@ class Study(Shown):
         first_maps: Initial weights of the maps that each recording is tried with; scores of maps are their means. Or
             seed -> number, 1 for all others.
         maps: Settings of :meth:`bodyimage_kin.BodyImage.learn`.
+        labels: What pages and figures call names of the study: name -> label. They decide nothing else, and may change.
         folder: Where relative paths begin, and where modules may lie.
     """
 
@@ -84,6 +86,7 @@ class Study(Shown):
     per_posture: bool = False
     first_maps: int | Mapping[Any, int] = 1
     maps: Mapping[str, Any] = field(default_factory=dict)
+    labels: Mapping[str, str] | None = None
     folder: Path = field(default=Path(), compare=False)
     _given: dict[str, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -100,6 +103,7 @@ class Study(Shown):
         flag("per_posture", self.per_posture)
         put("first_maps", asked.first_maps_of(self.first_maps))
         put("maps", asked.map_settings_of(self.maps))
+        put("labels", asked.labels_of(self.labels) or None)
         read = asked.Reader(self.folder, self.seeds, self.use, self._given)  # type: ignore[arg-type]
         put("use", None)
         put("scores", read.names("scores", self.scores, default_scores(self.per_posture)))
@@ -222,11 +226,14 @@ class Study(Shown):
             The attribute ``left_out`` says which scores there are not, where, and what they lack.
 
         Raises:
+            InvalidConfig: A body of which no recording can say anything: its eye never sees the hand, its joints never
+                move it; told before anything is computed, as ``bodyimage-kin embodiment check`` does.
             OutputRefused: A store of something else, or of a study with another config or robot; or one that cannot be
                 written to.
             ExecutorLost: Nobody is left to work.
         """
         origin = self.origin()
+        refuse_unfit({name: self._load(table) for name, table in self.embodiments.items()}, self.recordings)
         place = Store.claim(Path(store), origin, self.folder)
         place.give(self._given)
         shown = _progress.progress("tasks") if progress is True else nullcontext(progress or (lambda done, total: None))

@@ -130,7 +130,7 @@ def _edge_correlation(context: Context) -> Any:
     """
     skin, truth, learned = _body(context).require_skin(), true_map(_body(context)), context.maps[0]
     expected = expected_map(truth.reshape(-1, truth.shape[-1]), first_taxel(context.felt_use)[0], skin)
-    fit = metrics.procrustes(true=expected, map=learned.tactile_map)
+    fit = metrics.procrustes(learned.tactile_map, expected)
     taxels = tuple(range(truth.ndim - 1))
     centred = (expected - expected.mean(taxels)) @ fit.rotation.T * fit.scale
     left = np.linalg.norm(learned.tactile_map - learned.tactile_map.mean(taxels) - centred, axis=-1).ravel()
@@ -159,7 +159,7 @@ def _of_posture_map(name: str) -> Any:
         if name == "span":
             return metrics.span(learned.posture_map, true)
         if name in ("disparity", "scale"):
-            return getattr(metrics.procrustes(true=true, map=learned.posture_map), name)
+            return getattr(metrics.procrustes(learned.posture_map, true), name)
         felt = context.felt_use
         touching = felt["q"].values[0][first_taxel(felt)[0] >= 0]
         return getattr(metrics, name)(learned.postures / som.scale, touching / som.scale)
