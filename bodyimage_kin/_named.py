@@ -51,7 +51,8 @@ def named_object(kind: str, place: str, folder: Path | None = None) -> Any:
         raise InvalidConfig(f"cannot load {kind} {place!r}: this names no class; give 'package.module:Class'")
     root = module.partition(".")[0]
     folders = [Path.cwd()] if folder is None else [folder.absolute(), Path.cwd()]
-    _find(root, folders)
+    if module not in sys.modules:
+        _find(root, folders)
     try:
         found: Any = importlib.import_module(module)
     except ModuleNotFoundError as problem:

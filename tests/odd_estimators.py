@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
@@ -35,6 +36,20 @@ class Odd(Estimator):
             os.kill(os.getpid(), signal.SIGKILL)
         if self.way == "aborts":
             os.abort()
+        if self.way == "segfaults":
+            ctypes.string_at(0)
+        if self.way == "stops":
+            os.kill(os.getpid(), signal.SIGSTOP)
+        if self.way == "asks":
+            input()
+        if self.way == "dies later":
+            threading.Thread(target=lambda: (time.sleep(0.5), os._exit(5)), daemon=True).start()
+            return LeastSquares().fit(exp, seed)
+        if self.way == "dawdles":
+            time.sleep(1.5)
+            return LeastSquares().fit(exp, seed)
+        if self.way == "raises late":
+            return Late()
         if self.way == "spins":
             while True:
                 pass
@@ -61,7 +76,11 @@ class Odd(Estimator):
         if self.way == "leaks":
             return Lambda(lambda q, dq: torch.zeros(len(q), 2))
         matrix = LeastSquares().fit(exp, seed).matrix
-        wrong = {"nan": torch.full_like(matrix, torch.nan), "shape": matrix[:1]}
+        wrong = {
+            "nan": torch.full_like(matrix, torch.nan),
+            "inf": torch.full_like(matrix, torch.inf),
+            "shape": matrix[:1],
+        }
         return ConstantJacobian(wrong[self.way])
 
 
@@ -73,6 +92,15 @@ class Unsayable(Exception):
 
     def __str__(self):
         raise RuntimeError
+
+
+class Late:
+    """Fails only when it is asked."""
+
+    def displacement(self, q, dq):
+        raise ValueError("asked too much")
+
+    jacobian = displacement
 
 
 class Lambda:

@@ -189,9 +189,10 @@ def public_names(tree: ast.Module) -> list[str] | None:
 
 
 def top_level_names(tree: ast.Module) -> set[str]:
-    """Names that a module binds where everybody sees them."""
+    """Names that a module binds where everybody sees them, at once or when they are first used."""
     found = set()
-    for node in tree.body:
+    unseen = [one for one in tree.body if isinstance(one, ast.If) and ast.unparse(one.test) == "TYPE_CHECKING"]
+    for node in [*tree.body, *(node for one in unseen for node in one.body)]:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             found.add(node.name)
         elif isinstance(node, ast.Assign | ast.AnnAssign):

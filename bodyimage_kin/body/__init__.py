@@ -15,6 +15,9 @@ from bodyimage_kin.body.hand import Hand as Hand
 from bodyimage_kin.body.pinhole import Pinhole as Pinhole
 from bodyimage_kin.body.skin import Patch as Patch
 from bodyimage_kin.body.skin import Skin as Skin
+from bodyimage_kin.body.taxel_tables import TaxelTable as TaxelTable
+from bodyimage_kin.body.taxel_tables import read_icub_taxels as read_icub_taxels
+from bodyimage_kin.body.taxel_tables import read_nao_taxels as read_nao_taxels
 
 __all__ = [
     "Camera",
@@ -27,9 +30,12 @@ __all__ = [
     "Pinhole",
     "Skin",
     "Stereo",
+    "TaxelTable",
     "Tracker",
     "VirtualScreen",
     "check_embodiment",
     "embodiments",
     "load_embodiment",
+    "read_icub_taxels",
+    "read_nao_taxels",
 ]

@@ -32,12 +32,12 @@ class Finding:
 
     Attributes:
         level: ``"error"``: what it is about cannot work. ``"note"``: it works, and something will be missed.
-        about: ``"joints"``, ``"eye"``, ``"circle"``, ``"touch"``, ``"dynamics"`` or ``"meshes"``.
+        about: ``"joints"``, ``"eye"``, ``"circle"``, ``"touch"``, ``"dynamics"``, ``"meshes"`` or ``"robot"``.
         text: What it is, and what to do.
     """
 
     level: Literal["error", "note"]
-    about: Literal["joints", "eye", "circle", "touch", "dynamics", "meshes"]
+    about: Literal["joints", "eye", "circle", "touch", "dynamics", "meshes", "robot"]
     text: str
 
     def __str__(self) -> str:
@@ -51,6 +51,7 @@ def check_embodiment(
     radius: float = 0.05,
     distance: float | None = None,
     mesh_folder: Path | None = None,
+    file: Path | None = None,
 ) -> tuple[Finding, ...]:
     """Looks at a body in seconds: what its joints move, its eye sees and its hand reaches, and which files are there.
 
@@ -61,7 +62,9 @@ def check_embodiment(
         radius: Of the circle that is to be seen [m].
         distance: Of the circle, as in :meth:`Embodiment.circle_frame` [m]; None: 0.03, or, without a skin, the depth at
             which the hand is at home.
-        mesh_folder: Where meshes may lie, subfolders included; None: beside the URDF.
+        file: The TOML file that the body was read from: a robot from outside its folder is told; None: it was put
+            together in code.
+        mesh_folder: Where meshes may lie, subfolders included; None: as the robot says, or beside the URDF.
 
     Returns:
         What was found, errors first; nothing of a body that is fit for all.
@@ -79,6 +82,7 @@ def check_embodiment(
         *_touch(body, paper),
         *_dynamics(body),
         *_meshes(body, mesh_folder),
+        *_robot(body, file),
     ]
     return tuple(sorted(found, key=lambda finding: finding.level != "error"))
 
@@ -232,12 +236,23 @@ def _meshes(body: Embodiment, folder: Path | None) -> Iterator[Finding]:
             if isinstance(shape, Mesh) and shape.filename not in names:
                 names.add(shape.filename)
                 try:
-                    mesh_path(shape, link, body.robot.file, folder)
+                    mesh_path(shape, link, body.robot.file, folder or body.robot.mesh_folder)
                 except BodyImageKinError as problem:
                     missing[shape.filename] = str(problem)
     if missing:
         first = next(iter(missing.values()))
         yield Finding("note", "meshes", f"{len(missing)} of {len(names)} mesh files are not found, the first: {first}")
+
+
+def _robot(body: Embodiment, file: Path | None) -> Iterator[Finding]:
+    """A robot that does not travel with the embodiment's file."""
+    if file is None or body.robot.file is None:
+        return
+    place, folder = body.robot.file.resolve(), file.resolve().parent
+    if not place.is_relative_to(folder):
+        yield Finding(
+            "note", "robot", f"'urdf' is read from outside the file's folder: {place}; a copy goes without it"
+        )
 
 
 def _depths(body: Embodiment, q: Float[Tensor, "count p"]) -> str:

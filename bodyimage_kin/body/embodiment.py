@@ -35,6 +35,7 @@ from bodyimage_kin.body.hand import Hand
 from bodyimage_kin.body.skin import Skin
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, UnknownName, Unreachable
 from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.geometry import Mesh
 
 __all__ = ["Embodiment", "Frame"]
 
@@ -179,7 +180,19 @@ class Embodiment(SeeingBody):
         """
         tables = describe(self)
         place = urdf or (f"{self.name}.urdf" if self.robot.file is None else str(self.robot.file))
-        return tomli_w.dumps({"name": tables.pop("name"), "urdf": place, **tables})
+        return tomli_w.dumps({"name": tables.pop("name"), "urdf": place, **self._meshes(urdf), **tables})
+
+    def _meshes(self, urdf: str | None) -> dict[str, str]:
+        """Where a file tells meshes to lie: as the robot says, or where they lay beside a URDF that is written anew."""
+        robot = self.robot
+        if robot.mesh_folder is not None:
+            return {"mesh_folder": robot.mesh_folder.absolute().as_posix()}
+        moved = urdf is not None and robot.file is not None and Path(urdf).name != robot.file.name
+        shapes = [one.shape for part in robot.geometry.values() for one in part.visuals]
+        shapes += [one.shape for part in robot.geometry.values() for one in part.collisions]
+        if not moved or robot.file is None or not any(isinstance(shape, Mesh) for shape in shapes):
+            return {}
+        return {"mesh_folder": robot.file.absolute().parent.as_posix()}
 
     def save(self, path: str | Path) -> Path:
         """Writes the body as a TOML file; beside it the robot's URDF where it has no file of its own.

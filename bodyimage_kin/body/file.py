@@ -72,8 +72,7 @@ def save_embodiment(body: Embodiment, path: str | Path) -> Path:
     path = Path(path)
     if path.suffix != ".toml":
         raise InvalidConfig(f"'{path}' is no name of an embodiment's file; let it end in .toml")
-    urdf = _robot_beside(body.robot, path)
-    write_text(path, body.to_toml(urdf))
+    write_text(path, body.to_toml(_robot_beside(body.robot, path)))
     return path
 
 
@@ -95,6 +94,7 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     mistakes = Mistakes(path.name)
     table = Table(values, path.name, mistakes)
     name, urdf = table.text("name"), table.text("urdf", "the robot's file")
+    meshes = table.take("mesh_folder", lambda field, value: path.parent / _checks.text(field, value), default=None)
     joints = table.take("joints", _names, wanted="a list of joint names")
     home, hand = table.table("home", default=None), table.table("hand")
     camera, skin = table.table("camera"), table.table("skin", default=None)
@@ -107,7 +107,7 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     posture: Any = None
     if urdf is not None:
         with mistakes.noted():
-            robot = Robot.from_urdf(path.parent / urdf)
+            robot = Robot.from_urdf(path.parent / urdf, mesh_folder=meshes)
     if robot is not None:
         links = {
             what: one.values["link"]

@@ -2,44 +2,71 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin.body_image._checks import float_array, postures, variable, whole
+from bodyimage_kin.body_image._layout import Layout
 from bodyimage_kin.errors import InvalidArray, InvalidRecording
 from bodyimage_kin.recordings import first_taxel
 
 
-def touches(
-    exp: Any, hand: Any, trial: int, grid: tuple[int, int]
-) -> tuple[Float[np.ndarray, "steps p"], Int[np.ndarray, " steps"], Float[np.ndarray, "steps m"]]:
-    """Posture, touched taxel (-1 none) and hand image of every sample of a trial that is not padded.
+class Touches(NamedTuple):
+    """What is felt in every sample of a trial that is not padded.
+
+    Attributes:
+        q: (steps, p) postures [rad or m].
+        touched: (steps, contacts) active taxels, -1 none.
+        target: (steps, m) hand image.
+        intensity: (steps, contacts) of each active taxel; None: not recorded.
+    """
+
+    q: Float[np.ndarray, "steps p"]
+    touched: Int[np.ndarray, "steps contacts"]
+    target: Float[np.ndarray, "steps m"]
+    intensity: Float[np.ndarray, "steps contacts"] | None
+
+    @property
+    def first(self) -> Int[np.ndarray, " steps"]:
+        """The first active taxel of each."""
+        at = (self.touched >= 0).argmax(axis=1)
+        return np.asarray(np.take_along_axis(self.touched, at[:, None], axis=1)[:, 0])
+
+
+def touches(exp: Any, hand: Any, trial: int, layout: Layout) -> Touches:
+    """What a trial offers.
 
     Args:
         exp: Experience, as for `BodyImage.learn`.
         hand: (trial, time, axis) [m].
         trial: Which trial.
-        grid: (rows, columns) of taxels.
+        layout: The taxels.
 
     Raises:
-        InvalidRecording: A variable is missing, no samples, or a taxel outside the grid.
+        InvalidRecording: A variable is missing, no samples, or a taxel that is none of the skin.
         InvalidConfig: No such trial.
         InvalidArray: ``hand`` does not match the recording.
     """
     q = postures(exp)
     trial = whole("trial", trial, 0, len(q))
     target = hand_array(hand, q.shape[:2])[trial]
-    taxels = first_taxel(exp)[trial]
+    first_taxel(exp)  # refuses what is no touch
+    touched = variable(exp, "touched", "trial", "time", "contact")[trial]
+    touched = np.where(np.isnan(touched), -1, touched).astype(np.int64) if touched.dtype.kind == "f" else touched
     felt = np.isfinite(q[trial]).all(axis=1)
     if not felt.any():
         raise InvalidRecording(f"trial {trial} has no samples: not one posture q is finite")
-    taxels = taxels[felt]
-    if taxels.max() >= grid[0] * grid[1]:
-        raise InvalidRecording(f"taxel {taxels.max()} was touched, but a {grid} grid ends at {grid[0] * grid[1] - 1}")
-    return q[trial][felt], taxels, target[felt]
+    touched = touched[felt]
+    if touched.max(initial=-1) >= layout.count:
+        what = f"a {layout.shape} grid ends" if layout.grid else "the skin ends"
+        raise InvalidRecording(f"taxel {touched.max()} was touched, but {what} at {layout.count - 1}")
+    intensity = None
+    if "intensity" in exp:
+        intensity = np.asarray(variable(exp, "intensity", "trial", "time", "contact")[trial][felt], dtype=np.float64)
+    return Touches(q[trial][felt], np.asarray(touched, dtype=np.int64), target[felt], intensity)
 
 
 def hand_array(hand: Any, samples: tuple[int, ...]) -> Float[np.ndarray, "trial time m"]:

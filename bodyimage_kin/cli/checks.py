@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from tyro.conf import Positional, arg
@@ -92,7 +93,8 @@ class Embodiment(Command):
         from bodyimage_kin.body.file import load_embodiment
 
         body = load_embodiment(self.file)
-        found = check_embodiment(body, paper=self.paper, mesh_folder=self.mesh_folder)
+        file = Path(self.file) if self.file.endswith(".toml") else None
+        found = check_embodiment(body, paper=self.paper, mesh_folder=self.mesh_folder, file=file)
         wrong = any(finding.level == "error" for finding in found)
         if self.json:
             findings = [dataclasses.asdict(finding) for finding in found]

@@ -91,12 +91,14 @@ class Study(Command):
 
     def __call__(self) -> int:
         """Runs it."""
-        from bodyimage_kin.cli import study as commands
-
         if self.status is not None:
-            return commands.status_command(self.status, json=self.json)
+            from bodyimage_kin.cli.status import status_command
+
+            return status_command(self.status, json=self.json)
         if self.file is None or self.out is None:
             raise InvalidConfig("give a study file and --out DIR, or --status DIR")
+        from bodyimage_kin.cli import study as commands
+
         return commands.study_command(
             self.file, self.out, workers=self.workers, scheduler=self.scheduler, retry=self.retry
         )

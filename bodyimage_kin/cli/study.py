@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
-from bodyimage_kin.cli.arguments import print_json
+from bodyimage_kin.cli.status import show_failures
 from bodyimage_kin.recordings import experience, read_recording
 from bodyimage_kin.study import Study, failures, read_study
 from bodyimage_kin.study.results import MISSING, write_results
 from bodyimage_kin.study.specs import ESTIMATOR
 
-__all__ = ["FAILED", "fit_command", "report_command", "status_command", "study_command"]
-
-FAILED = 1
-"""Exit status of a run that is complete, but for cells that failed."""
+__all__ = ["fit_command", "report_command", "study_command"]
 
 
 def study_command(
@@ -33,43 +28,13 @@ def study_command(
         retry: Whether cells that failed are tried again.
 
     Returns:
-        0, or :data:`FAILED` when a cell failed.
+        0, or :data:`bodyimage_kin.cli.status.FAILED` when a cell failed.
 
     Raises:
         BodyImageKinError: As :meth:`Study.from_toml` and :meth:`Study.run`.
     """
     results = Study.from_toml(path).run(out, scheduler, workers=workers, retry=retry, progress=True)
     return _written(results, out)
-
-
-def status_command(out: Path, *, json: bool = False) -> int:
-    """``bodyimage-kin study --status DIR``: how many recordings of each cell are done, failed and missing.
-
-    Args:
-        out: The store.
-        json: As a JSON document, for a machine.
-
-    Returns:
-        0, or :data:`FAILED` when a cell failed.
-
-    Raises:
-        InvalidConfig: A folder without a study.
-    """
-    results = read_study(out)
-    said = results["failure"].transpose("embodiment", "recording", "estimator", "seed")
-    total, rows = said.sizes["seed"], list[dict[str, str | int]]()
-    for place in np.ndindex(said.shape[:3]):
-        one = said[place]
-        missing = int((one == MISSING).sum())
-        failed = int((one != "").sum()) - missing
-        names = {str(dim): str(one[dim].item()) for dim in said.dims[:3]}
-        rows.append({**names, "done": total - missing - failed, "failed": failed, "to_do": missing})
-    if json:
-        print_json({"seeds": total, "rows": rows})
-    for row in () if json else rows:
-        print(f"{row['embodiment']}/{row['recording']}/{row['estimator']}: {row['done']} of {total} done", end="")
-        print(f", {row['failed']} failed" * bool(row["failed"]) + f", {row['to_do']} to do" * bool(row["to_do"]))
-    return _show_failures(results)
 
 
 def report_command(
@@ -89,7 +54,7 @@ def report_command(
         into: Folder for both files, where the store is read-only; None: the store.
 
     Returns:
-        0, or :data:`FAILED` when a cell failed.
+        0, or :data:`bodyimage_kin.cli.status.FAILED` when a cell failed.
 
     Raises:
         InvalidConfig: A folder without a study.
@@ -138,9 +103,8 @@ def _written(results: xr.Dataset, out: Path, baseline: str | None = None, atlas:
 
 
 def _show_failures(results: xr.Dataset) -> int:
-    found = [one for one in failures(results) if one["failure"] != MISSING]
-    for one in found:
-        seeds = ", ".join(map(str, one["seeds"]))
-        place = f"{one['embodiment']}/{one['recording']}/{one['estimator']}"
-        print(f"{place}, seeds {seeds}: {one['failure']}", file=sys.stderr)
-    return FAILED if found else 0
+    return show_failures(
+        (f"{one['embodiment']}/{one['recording']}/{one['estimator']}", one["seeds"], one["failure"])
+        for one in failures(results)
+        if one["failure"] != MISSING
+    )

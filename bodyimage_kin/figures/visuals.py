@@ -54,7 +54,8 @@ def triangles(
         robot: Whose visuals.
         posture: Joint values by name [rad or m]; the others are 0, mimic joints follow.
         links: The links to draw; None for all.
-        mesh_folder: Where meshes may be read, subfolders included; default: the folder of the URDF file.
+        mesh_folder: Where meshes may be read, subfolders included; None: the robot's own ``mesh_folder``, or beside its
+            file.
 
     Returns:
         The triangles in the root, coloured as the materials say. A visual that cannot be read is left out, as
@@ -91,7 +92,7 @@ def link_surfaces(
     wanted = set(robot.link_names if links is None else links)
     for name in sorted(wanted.difference(robot.link_names)):
         raise UnknownName("link", name, robot.link_names)
-    folder = None if mesh_folder is None else Path(mesh_folder)
+    folder = robot.mesh_folder if mesh_folder is None else Path(mesh_folder)
     visuals = {name: robot.geometry[name].visuals for name in robot.link_names}
     if not any(visuals.values()):
         visuals = sticks(robot)

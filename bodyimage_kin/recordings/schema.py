@@ -31,6 +31,7 @@ variable has its ``units``.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from importlib import metadata
@@ -150,6 +151,11 @@ def joint_units(body: Embodiment) -> str:
 
 def versions() -> dict[str, str]:
     """Versions of the packages a result depends on."""
+    return dict(_versions())
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
     return {name: metadata.version(name) for name in _PACKAGES}
 
 

@@ -8,21 +8,18 @@ file claims to hold is bounded before it is read. Nothing here knows what a post
 from __future__ import annotations
 
 import csv
-import io
 import re
-import struct
-import zlib
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Shaped
 
 from bodyimage_kin.errors import InvalidRecording, MissingDependency, UnknownName
+from bodyimage_kin.recordings._matlab import read_matlab
 
 __all__ = ["MOST_BYTES", "MOST_ROWS", "TABLES", "Table", "matching", "read_table"]
 
@@ -283,94 +280,13 @@ def _parquet(path: Path, most_rows: int) -> Table:
 
 
 def _matlab(path: Path, variable: str | None, most_rows: int) -> Table:
-    import scipy.io
-
-    head = _head(path, 128)
-    if b"MATLAB 7.3" in head or head[:8] == b"\x89HDF\r\n\x1a\n":
-        raise InvalidRecording(f"'{path.name}' is a MATLAB 7.3 file; in MATLAB: save(name, '-v7')")
-    if _unpacked(path) > MOST_BYTES:
-        raise InvalidRecording(f"'{path.name}' unpacks to more than {MOST_BYTES >> 30} GB; give a part of it")
-    try:
-        found = scipy.io.loadmat(path, simplify_cells=True)
-    except Exception as problem:  # whatever a damaged file makes of scipy's reader
-        raise InvalidRecording(f"'{path.name}' is no MATLAB file that can be read: {_first_line(problem)}") from None
-    names = [name for name in found if not name.startswith("__")]
-    if variable is None:
-        # The records are what is longest: scalars and short lists beside them say something about them.
-        lists = [name for name in names if isinstance(found[name], list | np.ndarray) and np.ndim(found[name]) > 0]
-        longest = max((len(found[name]) for name in lists), default=0)
-        lists = [name for name in lists if len(found[name]) == longest]
-        if len(lists) != 1:
-            raise InvalidRecording(f"'{path.name}' holds {', '.join(names) or 'nothing'}; name one with variable=")
-        variable = lists[0]
-    elif variable not in names:
-        raise UnknownName(f"variable of '{path.name}'", variable, names)
-    columns = _flattened(path.name, found[variable])
-    count = len(next(iter(columns.values()), ()))
-    table = Table(path.name, columns, "record", range(1, count + 1))
+    columns = read_matlab(path, variable, MOST_BYTES)
+    table = Table(path.name, columns, "record", range(1, len(next(iter(columns.values()), ())) + 1))
     if table.rows == 0:
-        raise InvalidRecording(f"'{path.name}': variable '{variable}' has no records")
+        raise InvalidRecording(f"'{path.name}' has no records" + (f" in '{variable}'" if variable else ""))
     if table.rows > most_rows:
         raise InvalidRecording(f"'{path.name}' has more than {most_rows:,} rows; give a part of it")
     return table
-
-
-def _unpacked(path: Path) -> int:
-    """Bytes that the elements of a MATLAB 5 file unpack to, counted without keeping them; stops beyond the limit."""
-    total = 0
-    with path.open("rb") as file:
-        order = "<" if file.read(128)[126:128] == b"IM" else ">"
-        while len(tag := file.read(8)) == 8:
-            kind, size = struct.unpack(order + "II", tag)
-            if kind != 15:
-                total += size
-                file.seek(size, io.SEEK_CUR)
-                continue
-            packed, unpacker = file.read(size), zlib.decompressobj()
-            try:
-                while packed and total <= MOST_BYTES:
-                    total += len(unpacker.decompress(packed, 1 << 24))
-                    packed = unpacker.unconsumed_tail
-            except zlib.error:
-                return total
-            if total > MOST_BYTES:
-                return total
-    return total
-
-
-def _flattened(name: str, value: Any) -> dict[str, Shaped[np.ndarray, "..."]]:
-    """Columns of a matrix ("0", "1", ...), or of a list of structs, those within them with a point between names."""
-    if isinstance(value, dict):
-        value = [value]
-    if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-        matrix = np.atleast_2d(value) if value.ndim > 1 else value[:, None]
-        if matrix.ndim != 2:
-            raise InvalidRecording(f"'{name}' holds an array of {matrix.ndim} axes; a table has two")
-        return {str(index): matrix[:, index] for index in range(matrix.shape[1])}
-    records = [dict(_leaves(record)) for record in value]
-    fields = list(dict.fromkeys(field for record in records for field in record))
-    columns: dict[str, Shaped[np.ndarray, "..."]] = {}
-    for field in fields:
-        cells = [record.get(field) for record in records]
-        if all(isinstance(cell, int | float | np.number) for cell in cells):
-            columns[field] = np.asarray(cells, dtype=np.float64)
-        else:
-            column = np.empty(len(cells), dtype=object)
-            column[:] = [None if cell is None else cell for cell in cells]
-            columns[field] = column
-    return columns
-
-
-def _leaves(record: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    if not isinstance(record, dict):
-        yield prefix or "0", record
-        return
-    for field, value in record.items():
-        name = f"{prefix}.{field}" if prefix else str(field)
-        if isinstance(value, dict):
-            yield from _leaves(value, name)
-        else:
-            yield name, value
 
 
 def _head(path: Path, count: int) -> bytes:

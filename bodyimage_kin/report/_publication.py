@@ -93,6 +93,7 @@ def _numbers(results: xr.Dataset, medians: Mapping[str, xr.Dataset], baseline: s
                 if ratios is not None and str(estimator) in ratios["estimator"].values:
                     ratio = ratios.sel(recording=recording, estimator=estimator)
                     row["ratio"] = {str(key): _digits(ratio[key]) for key in ratio.data_vars}
+                    found["family"] = ratios.attrs["family"]
                 rows[str(estimator)] = row
             found["scores"][_place(results, str(embodiment), str(recording))] = rows
     return found
@@ -126,8 +127,8 @@ def _table(numbers: Mapping[str, Any]) -> str:
     """One table a recording, the smallest error on the face first."""
     lines = [
         f"{_caption(numbers)} *ratio*: geometric mean over that of {figures.label(numbers['baseline'])}, paired by "
-        f"recording; p by flipped signs, after Holm. *scale*, *variation*: these parts of the squared error "
-        f"{figures.label(numbers['compared_at'])}. (k of n): recordings that did not fail.",
+        f"recording; p by flipped signs, adjusted (Holm){_family(numbers)}. *scale*, *variation*: these "
+        f"parts of the squared error {figures.label(numbers['compared_at'])}. (k of n): recordings that did not fail.",
     ]
     columns = _columns(numbers)
     for place in numbers["scores"]:
@@ -136,6 +137,12 @@ def _table(numbers: Mapping[str, Any]) -> str:
     lines += ["", "; ".join(f"*{_COLUMNS[score][0]}*: {_COLUMNS[score][2]}" for score in columns) + "."]
     said = ", ".join(f"{name} {version}" for name, version in numbers["versions"].items())
     return "\n".join([*lines, "", f"Versions: {said}.", ""])
+
+
+def _family(numbers: Mapping[str, Any]) -> str:
+    """Over what p-values are adjusted."""
+    of_each = " of each embodiment" if len(numbers["urdf_sha256"]) > 1 else ""
+    return f" over {numbers['family']} {figures.label(numbers['compared_at'])}{of_each}" if "family" in numbers else ""
 
 
 def _latex(numbers: Mapping[str, Any]) -> str:

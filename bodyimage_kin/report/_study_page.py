@@ -194,8 +194,8 @@ def _comparison(results: xr.Dataset, baseline: str | None) -> dict[str, Any] | N
     baseline = baseline or (names[0] if names else "")
     if HEADLINE not in results or baseline not in names or len(names) < 2:
         return None
-    found = summary.compare(results.sel(estimator=names), HEADLINE, baseline)
-    at_use = found.sel(probe=probe_of_use(results))
+    # One family, that of a published table: of what is not shown nothing is adjusted for.
+    at_use = summary.compare(results.sel(estimator=names, probe=probe_of_use(results)), HEADLINE, baseline)
     ratios = {
         recording: {
             name: {key: float(at_use[key].sel(estimator=name, recording=recording)) for key in at_use.data_vars}
@@ -203,7 +203,7 @@ def _comparison(results: xr.Dataset, baseline: str | None) -> dict[str, Any] | N
         }
         for recording in names_of(at_use, "recording")
     }
-    return {"baseline": baseline, "ratios": ratios, "count": found["p"].size}
+    return {"baseline": baseline, "ratios": ratios, "family": at_use.attrs["family"]}
 
 
 def _excitation(results: xr.Dataset) -> list[tuple[str, list[float]]]:

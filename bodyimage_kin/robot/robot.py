@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -44,7 +45,8 @@ class Robot:
         source: The bytes it was read from.
         geometry: What each link has beside its frame: visuals, collisions, inertial.
         notes: What the reader read leniently, left out or passed over, a line each.
-        file: Where it was read from, None when it was given as text. Meshes are looked for beside it.
+        file: Where it was read from, None when it was given as text.
+        mesh_folder: Where its meshes may lie, subfolders included; None: beside the file.
     """
 
     tree: KinematicTree
@@ -52,9 +54,12 @@ class Robot:
     geometry: Mapping[str, LinkGeometry] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=(), compare=False)
     file: Path | None = field(default=None, compare=False)
+    mesh_folder: Path | None = field(default=None, compare=False)
 
     @classmethod
-    def from_urdf(cls, source: Source, strict: bool = False) -> Robot:
+    def from_urdf(
+        cls, source: Source, strict: bool = False, *, mesh_folder: str | os.PathLike[str] | None = None
+    ) -> Robot:
         """Reads and checks a URDF.
 
         What is written carelessly but can be meant in one way only (an undeclared ``world``, a floating joint under the
@@ -63,13 +68,16 @@ class Robot:
         Args:
             source: A path, an open file, or the text itself (str, bytes or bytearray that begin with ``<``).
             strict: Refuse what is written carelessly.
+            mesh_folder: Where its meshes may lie, subfolders included; None: beside the file. None is read before it is
+                drawn, or a skin is laid on it.
 
         Raises:
             InvalidURDF: The file is missing or is not a URDF that can be trusted; names element, line and remedy.
         """
         data, file = _source.read(source)
         reading = read_urdf(data, name=file.stem if file else "robot", strict=_checks.flag("strict", strict))
-        return cls(reading.tree, data, reading.geometry, reading.notes, file)
+        folder = None if mesh_folder is None else Path(mesh_folder)
+        return cls(reading.tree, data, reading.geometry, reading.notes, file, folder)
 
     @classmethod
     def from_dh(

@@ -130,7 +130,7 @@ def link_surface(robot: Robot, link: str, mesh_folder: Path | None = None) -> Fo
             f"link '{link}' has no shape that a skin can lie on; state one (a sphere, box or cylinder), or name another"
             " link"
         )
-    parts = [place_shape(element, link, robot.file, mesh_folder) for element in elements]
+    parts = [place_shape(element, link, robot.file, mesh_folder or robot.mesh_folder) for element in elements]
     return Found(
         tuple(shape for one in parts for shape in one.surface), (*notes, *(note for one in parts for note in one.notes))
     )

@@ -33,7 +33,7 @@ _TOUCH_DURATION = 80.0
 _SHARED = ("speed", "sampling", "rest_spread", "rest_pull")
 """Settings that touch and tour take over from the motion learned from, where a study says nothing of them."""
 _MOST_SEEDS = 10**6
-_GIVEN_BY_US = ("exp", "hand", "trial", "grid", "seed", "image_range", "posture_som", "initial_map")
+_GIVEN_BY_US = ("exp", "hand", "trial", "skin", "seed", "image_range", "posture_som", "initial_map")
 """Parameters of :meth:`BodyImage.learn` that no row sets."""
 
 

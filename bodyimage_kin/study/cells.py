@@ -1,4 +1,4 @@
-"""What a worker does: record a block of seeds, or let one row learn from it; both write into the store.
+"""What a worker does: record blocks of seeds, or let rows learn from them; both go into the store.
 
 Each seed has random streams of its own, spawned from the study's by the cell's name, so that nothing depends on who
 works, on how many do, or in what order.
@@ -6,13 +6,14 @@ works, on how many do, or in what order.
 
 from __future__ import annotations
 
-import functools
 import os
 import sys
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -23,99 +24,92 @@ import xarray as xr
 
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
-from bodyimage_kin.errors import InvalidConfig, OutputRefused
+from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import experience, simulate_many
 from bodyimage_kin.recordings.schema import versions
+from bodyimage_kin.study.blocks import Block
 from bodyimage_kin.study.context import Context, Score, WrongResult
+from bodyimage_kin.study.executors import Step
 from bodyimage_kin.study.facts import SHARED_MAPS
-from bodyimage_kin.study.grid import ROLES, Block, Row, Simulation
+from bodyimage_kin.study.grid import ROLES, Row, Simulation
+from bodyimage_kin.study.parts import Part
 from bodyimage_kin.study.scoring import built_probe, computed, need_maps, resolve
 from bodyimage_kin.study.specs import ESTIMATOR, MOTION, Table, arguments, from_settings
-from bodyimage_kin.study.store import Part, Store, padded, said
+from bodyimage_kin.study.store import Store, padded, said
 
-__all__ = ["AGAIN", "body_place", "failed", "fit_all", "learn", "load_body", "record", "row_of"]
+__all__ = ["AGAIN", "LATER", "Job", "body_place", "failed", "fit_all", "load_body", "row_of", "work_through"]
 
 AGAIN = "again"
-"""What :func:`learn` says when the recordings were damaged and are to be made anew."""
+"""What comes of a cell whose recordings were damaged and are to be made anew."""
+LATER = "later"
+"""What comes of a job that is left to somebody else, because those before it took long."""
+_LONG = 1.0
+"""Time after which no further job is begun [s]."""
 _UNFELT = {"f": np.nan, "i": -1, "u": 0, "b": False}
 """What pads the shorter of several trials, by kind of number."""
 
 
-def record(block: Block) -> str:
-    """Makes the recordings of a block and measures facts of them; says what went wrong, if anything did."""
-    body = load_body(block)
-    store = Store(Path(block.store))
-    try:
-        recordings = _recordings(block, body)
-        store.write_recordings(block, recordings)
-        loaded = {
-            role: [store.given_recording(one) if isinstance(one, str) else one for one in ones]
-            for role, ones in recordings.items()
-        }
-        names = list(block.settings["facts"])
-        if need_maps(block.settings["scores"], Path(block.folder)):
-            names += [name for name in SHARED_MAPS if name not in names]
-        facts = [resolve(name, Path(block.folder)) for name in names]
-        found = [computed(_context(block, body, loaded, index, Row(), {}), facts) for index in range(len(block.seeds))]
-    except OutputRefused:
-        raise
-    except (Exception, SystemExit) as problem:
-        return said(problem)
-    axis = loaded["training"][0].coords.get("axis")
-    part = _part(block, block.identity(), facts, found, axis=axis)
-    part.notes["kept"] = [one.name for one in facts[: len(block.settings["facts"])]]
-    store.write(store.part(block), part)
-    return ""
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One thing to do.
+
+    Attributes:
+        block: Of seeds.
+        name: Of the row that learns from it, in the study; empty: it is to be recorded.
+        row: Table of that row.
+    """
+
+    block: Block
+    name: str = ""
+    row: Table = field(default_factory=dict)
 
 
-def learn(block: Block, name: str, table: Table, twice: bool = False) -> str:
-    """Lets a row learn from a block, seeds together, and scores what it learned; :data:`AGAIN`: nothing to learn from.
-
-    A seed that failed has no score, and its failure says why.
+def work_through(block: Block, jobs: Sequence[Job], twice: bool = False) -> Iterator[Step | list[tuple[str, float]]]:
+    """Does jobs of one recording in one embodiment, one after the other; their cells share a file.
 
     Args:
-        block: Recorded before.
-        name: The row's, in the study.
-        table: The row's.
-        twice: Whether all is done twice, and a seed fails of which not the same comes.
+        block: Of the first.
+        jobs: All to record, or all to learn.
+        twice: Whether learning is done twice, and a seed fails of which not the same comes.
+
+    Yields:
+        A step at the beginning of each job, and one before all is written; then what went wrong with each job that
+        left nothing behind (or :data:`AGAIN`, :data:`LATER`), and the time that it took [s].
+
+    Raises:
+        OutputRefused: The store cannot be written to.
     """
-    body = load_body(block)
-    store = Store(Path(block.store))
-    recordings, facts = _recorded(block), store.read(store.part(block), block.identity())
-    if recordings is None or facts is None:
-        _recorded.cache_clear()
-        return AGAIN
-    asked = [resolve(score, Path(block.folder)) for score in block.settings["scores"]]
-    failures = [""] * len(block.seeds)
-    runs: list[list[Any]] = []
-    for _ in range(2 if twice else 1):
-        found: list[Any] = [None] * len(block.seeds)
-        with _state_kept():
-            try:
-                contexts = _taught(block, name, table, body, recordings, facts)
-            except (Exception, SystemExit) as problem:
-                failures = [said(problem)] * len(block.seeds)
-            for index, failure in enumerate(failures):
-                if not failure:
-                    try:
-                        found[index] = computed(contexts[index], asked)
-                    except (Exception, SystemExit) as problem:
-                        failures[index] = said(problem)
-        runs.append(found)
-    for index in range(len(block.seeds)):
-        if not failures[index] and not _same(runs[0][index], runs[-1][index]):
-            failures[index] = "NotDeterministic: the same experience and seed led to other scores the second time"
-        if failures[index]:
-            runs[0][index] = None
-    axis = recordings["training"][0].coords.get("axis")
-    store.write(store.part(block, name), _part(block, block.identity(name, table), asked, runs[0], failures, axis))
-    return ""
+    store, first = Store(Path(block.store), mends=True), time.perf_counter()
+    cells: list[Part] = []
+    told: list[tuple[str, float]] = []
+    # Recordings get to the disk while the next ones are made.
+    with ThreadPoolExecutor(1) as writer:
+        writing: list[Future[None]] = []
+        for job in jobs:
+            if time.perf_counter() - first > _LONG and told:
+                told.append((LATER, 0.0))
+                continue
+            yield Step(str(store.log(job.block, *filter(None, [job.name]))))
+            begin, failure = time.perf_counter(), ""
+            if not job.name:
+                failure = _record(job.block, store, lambda *what: writing.append(writer.submit(*what)))
+            elif (cell := _learn(job.block, job.name, job.row, twice)) is not None:
+                cells.append(cell)
+            else:
+                failure = AGAIN
+            told.append((failure, time.perf_counter() - begin))
+        yield Step()
+        if cells:
+            store.write_cells(block, cells)
+        for one in writing:
+            one.result()
+    yield told
 
 
 def failed(block: Block, name: str, table: Table, failure: str) -> Part:
     """The scores of a cell of which nothing came."""
     failures = [failure] * len(block.seeds)
-    return _part(block, block.identity(name, table), [], [None] * len(block.seeds), failures)
+    return _part(block, block.identity(name, block.config(table)), [], [None] * len(block.seeds), failures)
 
 
 def load_body(block: Block) -> Embodiment | None:
@@ -168,6 +162,65 @@ def fit_all(spec: Any, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) 
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
+def _record(block: Block, store: Store, write: Callable[..., None]) -> str:
+    """Makes the recordings of a block and measures facts of them; says what went wrong, if anything did."""
+    try:
+        body = load_body(block)
+        recordings = _recordings(block, body)
+        loaded = {
+            role: [store.given_recording(one) if isinstance(one, str) else one for one in ones]
+            for role, ones in recordings.items()
+        }
+        names = list(block.settings["facts"])
+        if need_maps(block.settings["scores"], Path(block.folder)):
+            names += [name for name in SHARED_MAPS if name not in names]
+        facts = [resolve(name, Path(block.folder)) for name in names]
+        found = [computed(_context(block, body, loaded, index, Row(), {}), facts) for index in range(len(block.seeds))]
+    except (Exception, SystemExit) as problem:
+        return said(problem)
+    axis = loaded["training"][0].coords.get("axis")
+    part = _part(block, block.identity(), facts, found, axis=axis)
+    part.notes["kept"] = [one.name for one in facts[: len(block.settings["facts"])]]
+    write(store.write_recordings, block, part, recordings)
+    return ""
+
+
+def _learn(block: Block, name: str, table: Table, twice: bool = False) -> Part | None:
+    """Lets a row learn from a block, seeds together, and scores what it learned; None: nothing to learn from.
+
+    A seed that failed has no score, and its failure says why.
+    """
+    there = _recorded(block)
+    if there is None:
+        _recorded.cache_clear()
+        return None
+    facts, recordings = there
+    asked = [resolve(score, Path(block.folder)) for score in block.settings["scores"]]
+    failures = [""] * len(block.seeds)
+    runs: list[list[Any]] = []
+    for _ in range(2 if twice else 1):
+        found: list[Any] = [None] * len(block.seeds)
+        with _state_kept():
+            try:
+                contexts = _taught(block, name, table, recordings, facts)
+            except (Exception, SystemExit) as problem:
+                failures = [said(problem)] * len(block.seeds)
+            for index, failure in enumerate(failures):
+                if not failure:
+                    try:
+                        found[index] = computed(contexts[index], asked)
+                    except (Exception, SystemExit) as problem:
+                        failures[index] = said(problem)
+        runs.append(found)
+    for index in range(len(block.seeds)):
+        if not failures[index] and not _same(runs[0][index], runs[-1][index]):
+            failures[index] = "NotDeterministic: the same experience and seed led to other scores the second time"
+        if failures[index]:
+            runs[0][index] = None
+    axis = recordings["training"][0].coords.get("axis")
+    return _part(block, block.identity(name, block.config(table)), asked, runs[0], failures, axis)
+
+
 @lru_cache(maxsize=8)
 def _load(name: str, backend: str | None, sha256: str) -> Embodiment | None:
     if not name:
@@ -180,13 +233,8 @@ def _load(name: str, backend: str | None, sha256: str) -> Embodiment | None:
 
 # The rows of a block come one after the other.
 @lru_cache(maxsize=2)
-def _recorded(block: Block) -> dict[str, list[xr.Dataset]] | None:
-    return Store(Path(block.store)).read_recordings(block)
-
-
-@functools.cache
-def _versions() -> dict[str, str]:
-    return versions()
+def _recorded(block: Block) -> tuple[Part, dict[str, list[xr.Dataset]]] | None:
+    return Store(Path(block.store), mends=True).recordings(block)
 
 
 @contextmanager
@@ -312,6 +360,7 @@ def _context(
     )
 
 
+@lru_cache(maxsize=2)
 def _simulation(block: Block) -> Simulation:
     """How the recordings came about; what was given stands as the hash of it."""
     folder, parts = Path(block.folder), dict(block.simulation)
@@ -325,9 +374,10 @@ def _simulation(block: Block) -> Simulation:
 
 
 def _taught(
-    block: Block, name: str, table: Table, body: Embodiment | None, recordings: Any, facts: Part
+    block: Block, name: str, table: Table, recordings: Mapping[str, Sequence[xr.Dataset]], facts: Part
 ) -> list[Context]:
     """A context a seed, with what the row's estimator learned from it."""
+    body = load_body(block)
     folder, count = Path(block.folder), range(len(block.seeds))
     row = row_of(table, folder)
     known = [{key: values[index].copy() for key, values in facts.arrays.items()} for index in count]
@@ -377,5 +427,5 @@ def _part(
             variables[score.name] = [list(score.dims), score.attributes]
             labels |= {dim: list(names) for dim, names in (score.labels or {}).items()}
     lacking = {key: why for one in found if one is not None for key, why in one[1].items()}
-    notes = {"variables": variables, "labels": labels, "left_out": lacking, "versions": _versions()}
+    notes = {"variables": variables, "labels": labels, "left_out": lacking, "versions": versions()}
     return Part(identity, arrays, notes | {"failures": list(failures)})

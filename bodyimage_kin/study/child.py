@@ -10,8 +10,6 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,9 +34,10 @@ def live(lifeline: int) -> None:
     calls, answers = Connection(os.dup(0), writable=False), Connection(os.dup(1), readable=False)
     with open(os.devnull) as nothing:
         os.dup2(nothing.fileno(), 0)
-    with _printing_to(None):
-        # What cells need is loaded before the first limit runs.
-        import bodyimage_kin.study.cells  # noqa: F401
+    _print_into(None)
+    # What cells need is loaded before the first limit runs.
+    import bodyimage_kin.study.cells  # noqa: F401
+
     answers.send("ready")
     while True:
         try:
@@ -48,8 +47,8 @@ def live(lifeline: int) -> None:
         except Exception as problem:
             answers.send((False, RuntimeError(f"cannot read the work: {problem}")))
             continue
-        with _printing_to(call.log):
-            answer = _answer(call, answers)
+        answer = _answer(call, answers)
+        _print_into(None)
         try:
             answers.send(answer)
         except Exception as problem:
@@ -58,11 +57,22 @@ def live(lifeline: int) -> None:
 
 def _answer(call: Call, answers: Connection) -> tuple[bool, Any]:
     """Whether it was done, and what came of it."""
+    from bodyimage_kin.study.executors import Step, run
+
+    steps = 0
+
+    def begin(said: Any) -> None:
+        nonlocal steps
+        if isinstance(said, Step):
+            _print_into(said.log)
+            answers.send((None, steps))
+            steps += 1
+
     try:
         if call.prepare is not None:
             call.prepare(call.arguments[0])
-        answers.send((True, None))
-        return True, call.work(*call.arguments)
+        answers.send((None, -1))
+        return True, run(call, begin)
     except BodyImageKinError as problem:
         return False, problem
     except Exception as problem:
@@ -77,9 +87,16 @@ def _end_with_parent(lifeline: int) -> None:
     os._exit(1)
 
 
-@contextmanager
-def _printing_to(log: str | None) -> Iterator[None]:
-    """All that this process prints goes to a file meanwhile, also what libraries print past Python."""
+_PRINTED: dict[str, Path] = {}
+"""The log that this process prints into."""
+
+
+def _print_into(log: str | None) -> None:
+    """From now on all that this process prints goes to a file, also what libraries print past Python."""
+    for printed in (sys.stdout, sys.stderr):
+        with contextlib.suppress(Exception):
+            printed.flush()
+    before = _PRINTED.pop("log", None)
     place = Path(log or os.devnull)
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -90,18 +107,15 @@ def _printing_to(log: str | None) -> Iterator[None]:
     with file:
         for number, name in ((1, "stdout"), (2, "stderr")):
             os.dup2(file.fileno(), number)
-            # Anew each time: a call before may have closed or replaced it.
+            # Anew each time: a step before may have closed or replaced it.
             stream = open(number, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
             setattr(sys, name, stream)
-    try:
-        yield
-    finally:
-        for printed in (sys.stdout, sys.stderr):
-            with contextlib.suppress(Exception):
-                printed.flush()
+    if log is not None:
+        _PRINTED["log"] = place
+    if before is not None:
         with contextlib.suppress(OSError):
-            if place.is_file() and place.stat().st_size == 0:
-                place.unlink()
+            if before.is_file() and before.stat().st_size == 0:
+                before.unlink()
 
 
 if __name__ == "__main__":

@@ -242,7 +242,7 @@ class Context:
             settings: Of :meth:`bodyimage_kin.BodyImage.learn` that differ from the row's.
         """
         assert self.body is not None
-        given = {"grid": self.body.require_skin().shape, "snapshots": (), **self._map_settings}
+        given = {"skin": self.body.require_skin(), "snapshots": (), **self._map_settings}
         given |= {"image_range": maps.seen_range(self.experience), "posture_som": self.posture_som, **settings}
         return BodyImage.learn(self.felt_use, hand, seed=seed, **given)
 

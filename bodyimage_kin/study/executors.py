@@ -1,10 +1,10 @@
 """Who works off the cells: this process, a pool of processes, or a Dask cluster, all as ``concurrent.futures``.
 
-In the pool and on Dask a task runs in a *child*, a process that can be killed without harm to anything else: a crash, a
-kill or a time limit costs that task alone. What a task prints goes to its log. Children end with the process that began
-them, however that ended.
+In the pool and on Dask a call runs in a *child*, a process that can be killed without harm to anything else: a crash, a
+kill or a time limit costs the step that was at work, and no other. What a step prints goes to its log. Children end
+with the process that began them, however that ended.
 
-Pebble 5.2.3 was tried for the children, and cannot keep three of their promises: that the time limit begins when a task
+Pebble 5.2.3 was tried for the children, and cannot keep three of their promises: that the time limit begins when a call
 is prepared (its embodiment loaded; Pebble's begins before), that a killed child is replaced at once (there, after four
 seconds), and that a script needs no ``if __name__ == "__main__":`` (there it ends in ``BrokenProcessPool``).
 """
@@ -21,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -39,23 +39,38 @@ __all__ = [
     "KillablePool",
     "NoWorker",
     "OnDask",
+    "Others",
     "Ours",
+    "Step",
+    "Stopped",
     "TimeLimitExceeded",
     "WorkerDied",
     "executor",
     "here",
     "in_child",
-    "submit",
+    "run",
     "was_lost",
 ]
 
 
-class TimeLimitExceeded(Exception):
-    """A task took longer than it may."""
+class Stopped(Exception):
+    """A call came to no end.
+
+    Attributes:
+        step: The step that was at work, from 0; -1: none.
+        alone: Whether its process had done nothing before, so that nothing but this step can be to blame.
+    """
+
+    step: int = -1
+    alone: bool = True
 
 
-class WorkerDied(Exception):
-    """The process of a task ended: a crash, or no memory left."""
+class TimeLimitExceeded(Stopped):
+    """A step took longer than it may."""
+
+
+class WorkerDied(Stopped):
+    """The process of a call ended: a crash, or no memory left."""
 
 
 class NoWorker(BodyImageKinError):
@@ -67,30 +82,34 @@ class ExecutorLost(BodyImageKinError):
 
 
 @dataclass(frozen=True)
+class Step:
+    """What work yields at the beginning of each of its steps.
+
+    Attributes:
+        log: File for all that it prints; None: nowhere.
+    """
+
+    log: str | None = None
+
+
+@dataclass(frozen=True)
 class Call:
     """Something to do, as it travels.
 
     Attributes:
-        work: A function that processes can import; called with the arguments.
+        work: A function that processes can import, called with the arguments; or a generator, which yields a
+            :class:`Step` at the beginning of each of its steps, and in the end what came of it.
         arguments: What it is called with.
         prepare: Called with the first argument before the time begins to run.
-        limit: Time that the work may take [s]; None: any.
-        log: File for all that it prints; None: nowhere.
+        limit: Time that each step may take [s]; None: any.
+        alone: Whether it is done by a process that has done nothing before.
     """
 
     work: Callable[..., Any]
     arguments: tuple[Any, ...] = ()
     prepare: Callable[[Any], Any] | None = None
     limit: float | None = None
-    log: str | None = None
-
-
-def submit(executor: Executor, call: Call) -> Future[Any]:
-    """Hands out a call. What comes back may raise :class:`TimeLimitExceeded` or :class:`WorkerDied`.
-
-    Where nothing can be killed, in this process and on executors of others, a call is given up once its time is over.
-    """
-    return executor.hand_out(call) if isinstance(executor, Ours) else executor.submit(here, call)
+    alone: bool = False
 
 
 def was_lost(problem: BaseException) -> bool:
@@ -110,9 +129,29 @@ class Ours(Executor, abc.ABC):
         return self.hand_out(Call(functools.partial(work, **keywords), arguments))
 
     @property
+    def room(self) -> int:
+        """How many calls may wait at once: enough for a cluster."""
+        return 256
+
+    @property
     def gone(self) -> bool:
         """Whether nobody will ever answer."""
         return False
+
+
+class Others(Ours):
+    """An executor of others: nothing can be killed there, so a call is given up once its time is over.
+
+    Args:
+        executor: Who works.
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def hand_out(self, call: Call) -> Future[Any]:
+        """See :class:`Ours`."""
+        return self._executor.submit(here, call)
 
 
 class OnDask(Ours):
@@ -138,13 +177,21 @@ class OnDask(Ours):
 class InProcess(Ours):
     """Works at once, in this process."""
 
+    room = 1
+
     def hand_out(self, call: Call) -> Future[Any]:
         """A call that is done when this returns."""
         future: Future[Any] = Future()
-        with _prints_to(call.log):
+        with _Printed() as printed:
             try:
-                # Directly, where nothing is to be given up: fewer functions to read through.
-                future.set_result(here(call) if call.limit is not None or call.prepare else call.work(*call.arguments))
+                if call.limit is not None or call.prepare:
+                    future.set_result(here(call, printed.into))
+                else:
+                    # As `run` does, which a reader then need not pass.
+                    said = call.work(*call.arguments)
+                    for said in said if isinstance(said, Generator) else ():  # noqa: B020
+                        printed.into(said)
+                    future.set_result(said)
             except Exception as problem:
                 future.set_exception(problem)
         return future
@@ -159,11 +206,17 @@ class KillablePool(Ours):
 
     def __init__(self, workers: int | None = None) -> None:
         count = (os.cpu_count() or 1) if workers is None else whole("workers", workers, least=1)
+        self.workers = count
         self._jobs: queue.SimpleQueue[tuple[Future[Any], Call] | None] = queue.SimpleQueue()
         self._children: set[_Child] = set()
         self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(count)]
         for thread in self._threads:
             thread.start()
+
+    @property
+    def room(self) -> int:
+        """How many calls may wait at once: one at work and one at hand for each process, and one more."""
+        return 2 * self.workers + 1
 
     def hand_out(self, call: Call) -> Future[Any]:
         """A call that begins as soon as a process is free."""
@@ -199,6 +252,10 @@ class KillablePool(Ours):
             if not future.set_running_or_notify_cancel():
                 continue
             try:
+                if child is not None and call.alone and child.used:
+                    self._children.discard(child)
+                    child.end()
+                    child = None
                 if child is None:
                     child = _Child()
                     self._children.add(child)
@@ -214,7 +271,7 @@ class KillablePool(Ours):
 
 
 @contextmanager
-def executor(chosen: Any = None, workers: int | None = None) -> Iterator[Executor]:
+def executor(chosen: Any = None, workers: int | None = None) -> Iterator[Ours]:
     """The executor that is meant; what is made here is ended here.
 
     Args:
@@ -227,7 +284,7 @@ def executor(chosen: Any = None, workers: int | None = None) -> Iterator[Executo
         MissingDependency: An address, and Dask is not installed.
     """
     if isinstance(chosen, Executor):
-        yield chosen
+        yield chosen if isinstance(chosen, Ours) else Others(chosen)
     elif hasattr(chosen, "get_executor"):
         yield OnDask(chosen)
     elif isinstance(chosen, str) and "://" in chosen:
@@ -249,8 +306,26 @@ def executor(chosen: Any = None, workers: int | None = None) -> Iterator[Executo
         )
 
 
-def here(call: Call) -> Any:
-    """Does a call in this thread, or gives it up after its time. See :func:`submit`.
+def run(call: Call, begin: Callable[[Any], None]) -> Any:
+    """Does a call, all in this thread, whatever time it takes.
+
+    Args:
+        call: What is to be done.
+        begin: Called with each step as it begins, and with what came of it.
+    """
+    said = call.work(*call.arguments)
+    if isinstance(said, Generator):
+        for said in said:  # noqa: B020 (what is yielded last is what came of it)
+            begin(said)
+    return said
+
+
+def here(call: Call, begin: Callable[[Any], None] = lambda said: None) -> Any:
+    """Does a call in this process, or gives it up after its time.
+
+    Args:
+        call: What is to be done; of a single step if there is a limit.
+        begin: As of :func:`run`.
 
     Raises:
         TimeLimitExceeded: It took longer. The thread that works is left behind, and ends with its process.
@@ -258,12 +333,12 @@ def here(call: Call) -> Any:
     if call.prepare is not None:
         call.prepare(call.arguments[0])
     if call.limit is None:
-        return call.work(*call.arguments)
+        return run(call, begin)
     future: Future[Any] = Future()
 
     def work() -> None:
         try:
-            future.set_result(call.work(*call.arguments))
+            future.set_result(run(call, begin))
         except BaseException as problem:
             future.set_exception(problem)
 
@@ -279,6 +354,8 @@ def here(call: Call) -> Any:
 def in_child(call: Call) -> Any:
     """Does a call in a child of this thread's own; what a worker of Dask does."""
     child: _Child | None = getattr(_OWN, "child", None)
+    if child is not None and call.alone and child.used:
+        child.end()
     if child is None or not child.alive:
         child = _OWN.child = _Child()
     return child.call(call)
@@ -314,7 +391,7 @@ class _Child:
             self._answers = Connection(os.dup(self._process.stdout.fileno()), writable=False)
             self._process.stdin.close()
             self._process.stdout.close()
-            self.alive = True
+            self.alive, self.used = True, False
             try:
                 self._answers.recv()
             except (EOFError, OSError) as problem:
@@ -325,20 +402,23 @@ class _Child:
 
     def call(self, call: Call) -> Any:
         """What comes of it, or what went wrong."""
+        step, alone, self.used = -1, not self.used, True
         try:
             self._calls.send(call)
             done, value = self._answers.recv()
-            if done:
+            while done is None:
+                step, alone = value, alone and value < 1
                 if not self._answers.poll(call.limit):
                     self.kill()
-                    raise TimeLimitExceeded(_too_long(call.limit or 0.0))
+                    raise _at(step, alone, TimeLimitExceeded(_too_long(call.limit or 0.0)))
                 done, value = self._answers.recv()
         except (EOFError, OSError):
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(5)
             code = self._process.returncode
             self.kill()
-            raise WorkerDied(f"the process ended with status {code}: a crash, or no memory left") from None
+            died = WorkerDied(f"the process ended with status {code}: a crash, or no memory left")
+            raise _at(step, alone, died) from None
         if done:
             return value
         raise value
@@ -365,19 +445,42 @@ class _Child:
             os.close(self._lifeline)
 
 
-@contextmanager
-def _prints_to(log: str | None) -> Iterator[None]:
-    """All that Python prints in this thread's process goes to a file meanwhile; nowhere without one."""
-    with io.StringIO() as said:
-        try:
-            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-                yield
-        finally:
-            if log is not None and not said.closed and said.getvalue():
-                with contextlib.suppress(OSError):
-                    Path(log).parent.mkdir(parents=True, exist_ok=True)
-                    with Path(log).open("a", encoding="utf-8", errors="backslashreplace") as file:
-                        file.write(said.getvalue())
+class _Printed:
+    """Takes up all that Python prints in this process; what was printed in a step goes to its log."""
+
+    def __init__(self) -> None:
+        self._said, self._log, self._stack = io.StringIO(), "", contextlib.ExitStack()
+
+    def __enter__(self) -> _Printed:
+        self._redirect()
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.into(None)
+        self._stack.close()
+
+    def into(self, said: Any) -> None:
+        """Begins a step."""
+        text = "" if self._said.closed else self._said.getvalue()
+        if text and self._log:
+            with contextlib.suppress(OSError):
+                Path(self._log).parent.mkdir(parents=True, exist_ok=True)
+                with Path(self._log).open("a", encoding="utf-8", errors="backslashreplace") as file:
+                    file.write(text)
+        if text or self._said.closed:
+            self._stack.close()
+            self._said = io.StringIO()
+            self._redirect()
+        self._log = (said.log or "") if isinstance(said, Step) else ""
+
+    def _redirect(self) -> None:
+        self._stack.enter_context(contextlib.redirect_stdout(self._said))
+        self._stack.enter_context(contextlib.redirect_stderr(self._said))
+
+
+def _at(step: int, alone: bool, problem: Stopped) -> Stopped:
+    problem.step, problem.alone = step, alone
+    return problem
 
 
 def _too_long(limit: float) -> str:

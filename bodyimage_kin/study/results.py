@@ -14,8 +14,9 @@ import xarray as xr
 from bodyimage_kin._files import write_bytes
 from bodyimage_kin.errors import InvalidConfig, OutputRefused
 from bodyimage_kin.recordings.schema import versions
-from bodyimage_kin.study import store as files
-from bodyimage_kin.study.grid import blocks
+from bodyimage_kin.study.blocks import blocks
+from bodyimage_kin.study.kept import by_recording, cells_in, settings
+from bodyimage_kin.study.parts import Part
 from bodyimage_kin.study.scores import SCORES
 from bodyimage_kin.study.store import Store
 
@@ -37,7 +38,7 @@ def read_study(folder: str | Path) -> xr.Dataset:
     Raises:
         InvalidConfig: A folder without a study, or one that this version cannot read.
     """
-    origin = files.settings(Path(folder))
+    origin = settings(Path(folder))
     if origin is None:
         raise InvalidConfig(f"'{folder}' holds no study; run one into it first")
     try:
@@ -79,15 +80,15 @@ def recording_of(
     Raises:
         InvalidConfig: No study, or it has no such recording (yet).
     """
-    origin = files.settings(Path(folder))
+    origin = settings(Path(folder))
     if origin is None:
         raise InvalidConfig(f"'{folder}' holds no study; run one into it first")
     place = Store(Path(folder).absolute())
     for block in blocks(origin, place.folder):
         if block.recording == recording and seed in block.seeds and embodiment in ("", block.embodiment):
-            found = place.read_recordings(block) or {}
-            if role in found:
-                return found[role][block.seeds.index(seed)].copy(deep=True)
+            kept = place.recordings(block)
+            if kept is not None and role in kept[1]:
+                return kept[1][role][block.seeds.index(seed)].copy(deep=True)
     raise InvalidConfig(f"'{folder}' has no recording '{recording}' of seed {seed} and role '{role}'")
 
 
@@ -107,22 +108,23 @@ def gather(place: Store, origin: Mapping[str, Any]) -> xr.Dataset:
     failure = np.full([len(names) for names in axes.values()], "", dtype=object)
     used = {json.dumps(versions())}
     left_out: dict[str, dict[str, list[str]]] = {}
-    for block in blocks(origin, place.folder):
-        seeds = slice(block.first, block.first + len(block.seeds))
-        at = axes["embodiment"].index(block.embodiment), axes["recording"].index(block.recording)
-        rows = {name: row for name, row in config["estimators"].items() if block.is_on(row)}
-        part = place.read(place.part(block), block.identity()) if rows else None
-        if part is not None:
-            facts.add(part, (*at, seeds), keep=part.notes["kept"])
-        for name, row in rows.items():
-            here = (*at, axes["estimator"].index(name), seeds)
-            part = place.read(place.part(block, name), block.identity(name, row))
-            failure[here] = MISSING if part is None else part.notes["failures"]
-            if part is not None:
-                scores.add(part, here)
-                used.add(json.dumps(part.notes["versions"]))
-                for score, why in part.notes["left_out"].items():
-                    left_out.setdefault(score, {}).setdefault(why, []).append(f"{block.place}/{name}")
+    for ones in by_recording(blocks(origin, place.folder)):
+        rows = [name for name, row in config["estimators"].items() if ones[0].is_on(row)]
+        cells = cells_in(place.folder, ones, config["estimators"], lambda part: part, mend=place.mends)
+        for block in ones if rows else ():
+            seeds = slice(block.first, block.first + len(block.seeds))
+            at = axes["embodiment"].index(block.embodiment), axes["recording"].index(block.recording)
+            if (part := place.facts(block)) is not None:
+                facts.add(part, (*at, seeds), keep=part.notes["kept"])
+            for name in rows:
+                here = (*at, axes["estimator"].index(name), seeds)
+                cell = cells.get((name, block.number))
+                failure[here] = MISSING if cell is None else cell.notes["failures"]
+                if cell is not None:
+                    scores.add(cell, here)
+                    used.add(json.dumps(cell.notes["versions"]))
+                    for score, why in cell.notes["left_out"].items():
+                        left_out.setdefault(score, {}).setdefault(why, []).append(f"{block.place}/{name}")
     scores.expect(config["scores"])
     for dim, names in facts.labels.items():
         scores.labels.setdefault(dim, names)
@@ -149,7 +151,7 @@ class _Collected:
         self.pieces: dict[str, list[tuple[Any, np.ndarray, Mapping[str, list[str]]]]] = {}
         self.kinds: dict[str, tuple[list[str], dict[str, str]]] = {}
 
-    def add(self, part: files.Part, place: tuple[Any, ...], keep: Collection[str] | None = None) -> None:
+    def add(self, part: Part, place: tuple[Any, ...], keep: Collection[str] | None = None) -> None:
         """Takes a part's arrays, all or those that are kept."""
         labels = {str(dim): list(map(str, values)) for dim, values in part.notes["labels"].items()}
         for dim, ones in labels.items():

@@ -4,27 +4,26 @@
 
     bodyimage_kin.json                              what the store is for
     given/                                          recordings and embodiments that the study was handed
-    recordings/EMBODIMENT/RECORDING/block0.part     what was simulated (:func:`recording_of` reads it)
-    facts/EMBODIMENT/RECORDING/block0.part          facts of the recordings
-    cells/EMBODIMENT/RECORDING/ROW/block0.part      scores of one row
+    recordings/EMBODIMENT/RECORDING/block0.parts    facts of recordings, then these (:func:`recording_of` reads them)
+    cells/EMBODIMENT/RECORDING/*.parts              scores; a file for a cell, or for many that take little time
     logs/EMBODIMENT/RECORDING/ROW/block0.log        what was printed meanwhile, if anything
 
-A part begins with the checksum of all that follows: one line of JSON that says what the part is and lists its arrays,
-then their bytes. A file that is damaged, or says that it is something else, is set aside with a warning and computed
-again; it stops nothing.
+Files are on the disk before they have their names, and say what they hold (:mod:`bodyimage_kin.study.parts`). What is
+damaged, or of something else, is set aside with a warning and computed again; it stops nothing. Who only reads a store
+writes nothing.
 """
 
 from __future__ import annotations
 
 import errno
+import functools
 import hashlib
 import json
 import math
-import os
+import secrets
 import time
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,87 +34,17 @@ from bodyimage_kin import _files
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidRecording, OutputRefused
 from bodyimage_kin.recordings import check
-from bodyimage_kin.study.grid import Block
+from bodyimage_kin.study.blocks import Block
+from bodyimage_kin.study.kept import KIND, MARKER, set_aside, settings
+from bodyimage_kin.study.parts import Part, parts_in
 from bodyimage_kin.study.specs import Table
 
-__all__ = [
-    "KIND",
-    "Part",
-    "SetAside",
-    "Store",
-    "before_it_grew",
-    "body_files",
-    "differences",
-    "fingerprint",
-    "padded",
-    "said",
-    "settings",
-]
+__all__ = ["Store", "before_it_grew", "body_files", "differences", "fingerprint", "padded", "said"]
 
-KIND = "study"
-_MARKER = "bodyimage_kin.json"
-_MAGIC = b"bodyimage_kin part 1 "
 _LEFT_OVER = 10.0
 """Age from which a temporary file of a process that is gone is swept [s]."""
 _MOST_SAID = 2000
 """Characters of a failure that are kept."""
-
-
-class SetAside(UserWarning):
-    """A file of a store is damaged or of something else; what it should hold is computed again."""
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """What a file holds.
-
-    Attributes:
-        identity: What it is (:meth:`Block.identity`).
-        arrays: Name -> numbers, or text; the first axis is the block's seeds.
-        notes: What else is to be kept, as JSON says it.
-    """
-
-    identity: Mapping[str, Any]
-    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
-    notes: dict[str, Any] = field(default_factory=dict)
-
-    def pack(self) -> bytes:
-        """As bytes."""
-        listed, bodies = {}, []
-        for name, values in self.arrays.items():
-            kind = "text"
-            if values.dtype.kind in "biuf":
-                kind = values.dtype.newbyteorder("<").str
-                data = np.ascontiguousarray(values, dtype=kind).tobytes()
-            else:
-                data = json.dumps(values.tolist(), default=str).encode()
-            listed[name] = [kind, list(values.shape), len(data)]
-            bodies.append(data)
-        head = json.dumps({"identity": self.identity, "notes": self.notes, "arrays": listed}, default=str)
-        rest = head.encode() + b"\n" + b"".join(bodies)
-        return _MAGIC + hashlib.sha256(rest).hexdigest().encode() + b"\n" + rest
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Part:
-        """The inverse of :meth:`pack`.
-
-        Raises:
-            ValueError: Damaged, or no part.
-        """
-        first, _, rest = data.partition(b"\n")
-        if not first.startswith(_MAGIC):
-            raise ValueError("it is no part of a store")
-        if hashlib.sha256(rest).hexdigest().encode() != first[len(_MAGIC) :]:
-            raise ValueError("its checksum is wrong")
-        line, _, body = rest.partition(b"\n")
-        head, arrays, begin = json.loads(line), {}, 0
-        for name, (kind, shape, size) in head["arrays"].items():
-            piece, begin = body[begin : begin + size], begin + size
-            if kind == "text":
-                arrays[name] = np.array(json.loads(piece), dtype=str).reshape(shape)
-            else:
-                arrays[name] = np.frombuffer(piece, dtype=kind).reshape(shape)
-        return cls(head["identity"], arrays, head["notes"])
 
 
 @dataclass(frozen=True)
@@ -124,9 +53,11 @@ class Store:
 
     Attributes:
         folder: The folder.
+        mends: Whether what is damaged gets another name; not for whoever only reads.
     """
 
     folder: Path
+    mends: bool = False
 
     @classmethod
     def claim(cls, folder: Path, origin: Mapping[str, Any], begin: Path) -> Store:
@@ -145,83 +76,70 @@ class Store:
         if different := list(differences(stored, before_it_grew(stored, origin))):
             shown = "; ".join(different[:5]) + (f"; and {len(different) - 5} more" if len(different) > 5 else "")
             raise OutputRefused(f"'{folder}' holds another study: {shown}; name another folder for this one")
-        place = cls(_files.claim(folder, KIND, {**origin, "folder": str(begin.absolute())}).absolute())
+        place = cls(_files.claim(folder, KIND, {**origin, "folder": str(begin.absolute())}).absolute(), mends=True)
         place._sweep()
         return place
-
-    def part(self, block: Block, estimator: str = "") -> Path:
-        """File of a cell; without an estimator, of the facts of its recordings."""
-        name = f"block{block.number}.part"
-        if not estimator:
-            return self.folder / "facts" / block.place / name
-        return self.folder / "cells" / block.place / estimator / name
 
     def log(self, block: Block, estimator: str = "recordings") -> Path:
         """File of what a task prints."""
         return self.folder / "logs" / block.place / estimator / f"block{block.number}.log"
 
-    def read(self, path: Path, identity: Mapping[str, Any]) -> Part | None:
-        """A part, once it is known to be what it should be; None: missing, or set aside."""
-        try:
-            part = Part.unpack(path.read_bytes())
-            if part.identity == dict(identity):
-                return part
-            of = {key: value for key, value in part.identity.items() if identity.get(key) != value}
-            why = f"it is of something else ({', '.join(of)} differ)"
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, TypeError) as problem:
-            why = f"{problem or type(problem).__name__}"
-        self.set_aside(path, why)
-        return None
+    # Cells and recordings ---------------------------------------------------------------------------------------------
 
-    def set_aside(self, path: Path, why: str) -> None:
-        """Gives a file another name, and says so."""
-        other = path.with_name(f"{path.name}.damaged")
-        try:
-            os.replace(path, other)
-            done = f"it is set aside as '{other.name}'"
-        except OSError:
-            done = "it counts as missing"
-        warnings.warn(f"'{path}': {why}; {done} and computed again", SetAside, stacklevel=2)
-
-    def write(self, path: Path, part: Part) -> None:
-        """Writes a part atomically.
+    def write_cells(self, block: Block, cells: Sequence[Part]) -> None:
+        """Writes cells of one recording in one embodiment into a new file.
 
         Raises:
             OutputRefused: A place that cannot be written to.
         """
-        self._write(path, part.pack())
+        first = cells[0].identity
+        name = f"{first['estimator']}.block{first['block']}.{secrets.token_hex(4)}.parts"
+        self._write(self.folder / "cells" / block.place / name, *cells)
 
-    def write_recordings(self, block: Block, recordings: Mapping[str, Sequence[xr.Dataset | str]]) -> None:
-        """Writes the recordings of a block: role -> one a seed, or the hash of one that was handed over."""
+    def write_recordings(self, block: Block, facts: Part, recordings: Mapping[str, Sequence[xr.Dataset | str]]) -> None:
+        """Writes the recordings of a block, role -> one a seed, or the hash of one that was handed over.
+
+        Raises:
+            OutputRefused: A place that cannot be written to.
+        """
         arrays: dict[str, np.ndarray] = {}
         listed: dict[str, list[Any]] = {}
         for role, ones in recordings.items():
             for index, one in enumerate(ones):
                 of = one if isinstance(one, str) else _take_apart(one, f"{role}/{index}/", arrays)
                 listed.setdefault(role, []).append(of)
-        self.write(self._recordings(block), Part(block.identity(), arrays, {"recordings": listed}))
+        path, (_, identity) = self._recordings(block)
+        self._write(path, facts, Part(identity, arrays, {"recordings": listed}))
 
-    def read_recordings(self, block: Block) -> dict[str, list[xr.Dataset]] | None:
-        """What :meth:`write_recordings` wrote; None: missing, or set aside.
+    def facts(self, block: Block) -> Part | None:
+        """Facts of a block's recordings; None: missing, or set aside."""
+        path, (identity, _) = self._recordings(block)
+        parts = self._read(path, identity)
+        return parts[0] if parts else None
+
+    def recordings(self, block: Block) -> tuple[Part, dict[str, list[xr.Dataset]]] | None:
+        """What :meth:`write_recordings` wrote, facts and all; None: missing, or set aside.
 
         Raises:
             InvalidRecording: One that was handed over is not in the store.
         """
-        part = self.read(self._recordings(block), block.identity())
-        if part is None:
+        path, identities = self._recordings(block)
+        parts = self._read(path, *identities)
+        if parts is None:
             return None
-        return {
+        facts, kept = parts
+        return facts, {
             role: [
-                self.given_recording(of) if isinstance(of, str) else _put_together(of, f"{role}/{index}/", part.arrays)
+                self.given_recording(of) if isinstance(of, str) else _put_together(of, f"{role}/{index}/", kept.arrays)
                 for index, of in enumerate(ones)
             ]
-            for role, ones in part.notes["recordings"].items()
+            for role, ones in kept.notes["recordings"].items()
         }
 
-    def _recordings(self, block: Block) -> Path:
-        return self.folder / "recordings" / block.place / f"block{block.number}.part"
+    def _recordings(self, block: Block) -> tuple[Path, tuple[Table, Table]]:
+        """The file of a block's recordings, and what its two parts say that they are."""
+        path = self.folder / "recordings" / block.place / f"block{block.number}.parts"
+        return path, (block.identity(), block.identity() | {"holds": "recordings"})
 
     # What the study was handed ----------------------------------------------------------------------------------------
 
@@ -230,32 +148,55 @@ class Store:
         for sha256, thing in given.items():
             if isinstance(thing, xr.Dataset):
                 path, identity = self._given(sha256)
-                if self.read(path, identity) is None:
+                if self._read(path, identity) is None:
                     arrays: dict[str, np.ndarray] = {}
-                    self.write(path, Part(identity, arrays, {"recording": _take_apart(thing, "", arrays)}))
+                    self._write(path, Part(identity, arrays, {"recording": _take_apart(thing, "", arrays)}))
             else:
                 folder = self.folder / "given" / sha256
                 for name, data in body_files(thing).items():
                     self._write(folder / name, data)
 
+    @functools.lru_cache(maxsize=4)  # noqa: B019 (a handful of recordings, for every block that names them)
     def given_recording(self, sha256: str) -> xr.Dataset:
-        """A recording that the study was handed.
+        """A recording that the study was handed; to be copied before anything in it is changed.
 
         Raises:
             InvalidRecording: It is not there.
         """
-        part = self.read(*self._given(sha256))
-        if part is None:
+        path, identity = self._given(sha256)
+        parts = self._read(path, identity)
+        if parts is None:
             raise InvalidRecording(f"recording {sha256[:12]} is not in the store; give it to the study again")
-        return _put_together(part.notes["recording"], "", part.arrays)
+        return _put_together(parts[0].notes["recording"], "", parts[0].arrays)
 
     def _given(self, sha256: str) -> tuple[Path, Table]:
-        return self.folder / "given" / f"{sha256}.part", {"recording": sha256}
+        return self.folder / "given" / f"{sha256}.parts", {"recording": sha256}
 
-    def _write(self, path: Path, data: bytes) -> None:
+    def _read(self, path: Path, *identities: Mapping[str, Any]) -> list[Part] | None:
+        """The first parts of a file, known to be what they should be; None: missing, or set aside."""
+        found: list[Part] = []
+        try:
+            for part in parts_in(path):
+                if isinstance(part, str):
+                    raise ValueError(part)
+                if part.identity != dict(identities[len(found)]):
+                    of = [key for key, value in identities[len(found)].items() if part.identity.get(key) != value]
+                    raise ValueError(f"it holds something else ({', '.join(of)} differ)")
+                found.append(part)
+                if len(found) == len(identities):
+                    return found
+            raise ValueError("it is cut")
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as problem:
+            set_aside(path, str(problem), mend=self.mends)
+        return None
+
+    def _write(self, path: Path, *things: Part | bytes) -> None:
+        data = b"".join(one.pack() if isinstance(one, Part) else one for one in things)
         try:
             # Nothing makes a folder anew that was deleted under the run.
-            (self.folder / _MARKER).stat()
+            (self.folder / MARKER).stat()
             path.parent.mkdir(parents=True, exist_ok=True)
             _files.write_bytes(path, data)
         except OSError as problem:
@@ -274,15 +215,6 @@ class Store:
                     path.unlink()
             except OSError:
                 continue
-
-
-def settings(folder: Path) -> dict[str, Any] | None:
-    """What the study in a folder was asked for; None when there is none."""
-    try:
-        marker = json.loads((folder / _MARKER).read_text(encoding="utf-8"))
-        return dict(marker["settings"]) if marker["kind"] == KIND else None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
 
 
 def before_it_grew(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> dict[str, Any]:

@@ -25,8 +25,9 @@ from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.recordings import write_recording
 from bodyimage_kin.study import asked, cells, executors, results, running, specs, store
+from bodyimage_kin.study.blocks import blocks
 from bodyimage_kin.study.context import Score
-from bodyimage_kin.study.grid import blocks
+from bodyimage_kin.study.fitness import refuse_unfit
 from bodyimage_kin.study.scoring import PROBES, default_facts, default_scores, need_maps
 from bodyimage_kin.study.specs import ESTIMATOR, Table
 from bodyimage_kin.study.store import Store
@@ -222,11 +223,14 @@ class Study(Shown):
             The attribute ``left_out`` says which scores there are not, where, and what they lack.
 
         Raises:
+            InvalidConfig: A body of which no recording can say anything: its eye never sees the hand, its joints never
+                move it; told before anything is computed, as ``bodyimage-kin embodiment check`` does.
             OutputRefused: A store of something else, or of a study with another config or robot; or one that cannot be
                 written to.
             ExecutorLost: Nobody is left to work.
         """
         origin = self.origin()
+        refuse_unfit({name: self._load(table) for name, table in self.embodiments.items()}, self.recordings)
         place = Store.claim(Path(store), origin, self.folder)
         place.give(self._given)
         shown = _progress.progress("tasks") if progress is True else nullcontext(progress or (lambda done, total: None))

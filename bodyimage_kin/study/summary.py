@@ -76,7 +76,8 @@ def compare(results: xr.Dataset, score: str, baseline: str, *, seed: int = 0) ->
     Returns:
         ``ratio``, ``lower``, ``upper``, ``recordings``, ``p`` and ``p_holm`` over ``estimator`` (without the baseline)
         and every dimension of the score but embodiment and seed. Embodiments are strata. Holm's adjustment is over
-        all comparisons in the answer.
+        all comparisons in the answer, the attribute ``family`` says which: choose a probe before
+        (``results.sel(probe="on_face")``) for the family of pages and published tables.
 
     Raises:
         UnknownName: No such score or baseline.
@@ -111,7 +112,10 @@ def compare(results: xr.Dataset, score: str, baseline: str, *, seed: int = 0) ->
     }
     coords = {dim: values[dim] for dim in inner if dim in values.coords}
     variables = {name: ((*inner, "estimator"), np.reshape(one, shape)) for name, one in found.items()}
-    return xr.Dataset(variables, {**coords, "estimator": others}, {**values.attrs, "baseline": baseline})
+    sizes = {"estimator": len(others), **{dim: values.sizes[dim] for dim in inner}}
+    family = f"{p.size} comparisons: {' x '.join(f'{count} {_many(dim, count)}' for dim, count in sizes.items())}"
+    attributes = {**values.attrs, "baseline": baseline, "family": family}
+    return xr.Dataset(variables, {**coords, "estimator": others}, attributes)
 
 
 def chain(
@@ -221,6 +225,10 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[object]], words:
 def plain_markdown(cell: object) -> str:
     """Text, a user's name say, as Markdown shows it: neither a column of its own nor HTML."""
     return " ".join(str(cell).replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").split())
+
+
+def _many(dim: str, count: int) -> str:
+    return {"axis": "axes"}.get(dim, f"{dim}s") if count != 1 else dim
 
 
 def _score(results: xr.Dataset, score: str) -> xr.DataArray:

@@ -440,7 +440,7 @@ def test_all_mistakes_of_a_file_are_told_at_once(tmp_path):
         bk.load_embodiment(bad)
     said = [str(mistake) for mistake in caught.value.mistakes]
     for part in (
-        "no field in arm.toml 'speed'; valid: camera, hand, home, joints, name, skin, urdf",
+        "no field in arm.toml 'speed'; valid: camera, hand, home, joints, mesh_folder, name, skin, urdf",
         "arm.toml [hand]: radius=-1: give a number of at least 0",
         "no field in arm.toml [hand] 'size'; valid: link, offset, radius",
         "arm.toml [camera]: field 'fx' is missing; give a number",

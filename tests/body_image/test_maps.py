@@ -37,7 +37,7 @@ def sight():
 
 
 def small(exp, hand, **settings):
-    chosen = {"grid": (2, 2), "posture_grid": (2, 2), "silence": 0.0, "image_range": np.array([[0.0, 1.0]] * 2)}
+    chosen = {"skin": (2, 2), "posture_grid": (2, 2), "silence": 0.0, "image_range": np.array([[0.0, 1.0]] * 2)}
     return BodyImage.learn(exp, hand, **{**chosen, **settings})
 
 
@@ -200,11 +200,11 @@ def test_initial_weights_span_the_experienced_range_else_the_estimated():
 def test_three_image_axes():
     hand = np.random.default_rng(0).random((1, 20, 3))
     exp = experience(np.arange(20) % 4)
-    body = BodyImage.learn(exp.drop_vars("hand_image"), hand, grid=(2, 2), posture_grid=(3, 2))
+    body = BodyImage.learn(exp.drop_vars("hand_image"), hand, skin=(2, 2), posture_grid=(3, 2))
     assert body.tactile_map.shape == (2, 2, 3)
     assert body.posture_map.shape == (3, 2, 3)
     assert body.postures.shape == (3, 2, 3)
-    assert hebbian_map(exp, hand, grid=(2, 2), cells=4).cells.shape == (64, 3)
+    assert hebbian_map(exp, hand, skin=(2, 2), cells=4).cells.shape == (64, 3)
 
 
 def test_a_data_array_in_any_order_is_as_good_as_an_array(sight):
@@ -218,7 +218,7 @@ def test_config_tells_every_setting():
     config = json.loads(json.dumps(body.config))
     assert config["gamma"] == 40.0
     assert config["gamma_posture"] == pytest.approx(5.8, abs=0.01)
-    assert config["grid"] == [2, 2]
+    assert config["skin"] == [2, 2]
     assert config["image_range"] == [[0.0, 1.0], [0.0, 1.0]]
 
 
@@ -250,7 +250,7 @@ def test_posture_map_is_learned_by_the_winning_posture(sight):
 
 def test_hebbian_weights_by_hand():
     exp, hand = experience([0, 0, 3, -1]), np.array([[[0.1, 0.1], [0.9, 0.1], [1.0, 1.0], [0.1, 0.9]]])
-    settings = {"grid": (2, 2), "cells": 2, "silence": 0.0, "image_range": np.array([[0.0, 1.0]] * 2), "alpha": 0.5}
+    settings = {"skin": (2, 2), "cells": 2, "silence": 0.0, "image_range": np.array([[0.0, 1.0]] * 2), "alpha": 0.5}
     alone = hebbian_map(exp, hand, gamma=None, **settings)
     np.testing.assert_allclose(alone.cells, [[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])
     expected = np.zeros((4, 4))
@@ -289,9 +289,9 @@ def test_hebbian_map_ignores_what_lies_outside_or_was_silent(sight):
         ({"silence": 1.5}, InvalidConfig, "silence=1.5"),
         ({"gamma": 0}, InvalidConfig, "gamma=0"),
         ({"gamma_final": -1.0}, InvalidConfig, "gamma_final"),
-        ({"grid": (2, 0)}, InvalidConfig, "grid columns"),
-        ({"grid": 4}, InvalidConfig, "rows, columns"),
-        ({"grid": (1, 3)}, InvalidRecording, "taxel 3 was touched"),
+        ({"skin": (2, 0)}, InvalidConfig, "skin columns"),
+        ({"skin": 4}, InvalidConfig, "rows, columns"),
+        ({"skin": (1, 3)}, InvalidRecording, "taxel 3 was touched"),
         ({"trial": 1}, InvalidConfig, "trial=1.*below 1"),
         ({"seed": -1}, InvalidConfig, "seed"),
         ({"snapshots": (-5,)}, InvalidConfig, "snapshots"),
@@ -317,9 +317,9 @@ def test_refuses_recordings_and_arrays():
     with pytest.raises(InvalidRecording, match="give image_range"):
         small(exp, hand * np.nan, image_range=None)
     with pytest.raises(InvalidRecording, match="nothing to associate"):
-        hebbian_map(exp, hand * np.nan, grid=(2, 2))
+        hebbian_map(exp, hand * np.nan, skin=(2, 2))
     with pytest.raises(InvalidConfig, match="cells"):
-        hebbian_map(exp, hand, grid=(2, 2), cells=(1, 2, 3))
+        hebbian_map(exp, hand, skin=(2, 2), cells=(1, 2, 3))
     with pytest.raises(InvalidConfig, match="taxel=4"):
         activation(4, (2, 2))
     with pytest.raises(InvalidArray, match="taxels must be whole"):

@@ -41,7 +41,7 @@ def test_both_maps_learn_and_narrow_as_their_formulas_say(kernel: str) -> None:
     exp, hand = recording()
     som = PostureSOM(np.random.default_rng(1).normal(size=(*POSTURE_GRID, 2)), np.array([1.0, 2.0]))
     body = BodyImage.learn(
-        exp, hand, grid=GRID, posture_grid=POSTURE_GRID, posture_som=som, kernel=kernel, gamma=4.0, gamma_posture=2.0,
+        exp, hand, skin=GRID, posture_grid=POSTURE_GRID, posture_som=som, kernel=kernel, gamma=4.0, gamma_posture=2.0,
         gamma_final=0.5, alpha="geometric", image_range=[[0.0, 1.0], [0.0, 1.0]], snapshots=(0, 10),
     )  # fmt: skip
     share = np.arange(STEPS) / (STEPS - 1)

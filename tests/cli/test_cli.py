@@ -15,9 +15,9 @@ import bodyimage_kin as bk
 from bodyimage_kin import cli
 
 COMMANDS = (
-    "reproduce", "study", "report", "simulate", "import", "fit", "score", "calibrate", "next", "embodiment", "conform",
-    "doctor",
-)  # fmt: skip
+    *("reproduce", "study", "report", "simulate", "import", "fit", "score", "calibrate", "next"),
+    *("embodiment", "view", "conform", "doctor"),
+)
 
 
 def test_help_names_every_command_and_imports_nothing_heavy():
@@ -114,6 +114,21 @@ def test_fit_learns_and_saves(tmp_path):
     learned = bk.load_learned(tmp_path / "learned")
     again = bk.estimators.LeastSquares().fit(bk.experience(recording))
     assert bool((learned.jacobian([0.0] * 5) == again.jacobian([0.0] * 5)).all())
+
+
+def test_a_robot_from_outside_the_files_folder_is_told(tmp_path, capsys):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    body = bk.load_embodiment("infant")
+    (tmp_path / "infant.urdf").write_bytes(body.robot.source)
+    (inner / "infant.urdf").write_bytes(body.robot.source)
+    (inner / "out.toml").write_text(body.to_toml("../infant.urdf"))
+    (inner / "in.toml").write_text(body.to_toml("infant.urdf"))
+    assert cli.main(["embodiment", "check", str(inner / "out.toml")]) == 0
+    place = (tmp_path / "infant.urdf").resolve()
+    assert f"note: robot: 'urdf' is read from outside the file's folder: {place}" in capsys.readouterr().out
+    assert cli.main(["embodiment", "check", str(inner / "in.toml")]) == 0
+    assert "outside" not in capsys.readouterr().out
 
 
 def test_findings_of_a_body_as_json(capsys):

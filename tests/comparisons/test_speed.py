@@ -80,6 +80,9 @@ def test_images_in_one_pass_are_measured_against_images_that_are_not() -> None:
     rows = others.images(1)
     seconds = {row["what"]: row["seconds"][1] for row in rows}
     assert seconds["image Jacobian, one pass"] < seconds["image Jacobian, from 6 x n ones"]
+    # 1.3 is the aim; a busy machine in a single round may double any of the two.
+    lens = seconds["image Jacobian of a pinhole with distortion, one pass"]
+    assert lens < 4.0 * seconds["image Jacobian, one pass"]
 
 
 def test_dear_work_gets_three_turns_and_no_more_once_the_budget_is_spent() -> None:

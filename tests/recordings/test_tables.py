@@ -157,6 +157,61 @@ def test_a_small_matlab_file_that_unpacks_to_gigabytes_is_refused_before_it_is_r
         read_table(path)
 
 
+def element(kind, data):
+    return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+
+def matrix(kind, dims, *parts):
+    """An array of a MATLAB 5 file: its class, its size, and what it really holds."""
+    size = struct.pack(f"<{len(dims)}i", *dims)
+    return element(14, element(6, struct.pack("<II", kind, 0)) + element(5, size) + element(1, b"x") + b"".join(parts))
+
+
+def nested(levels):
+    inner = matrix(6, (1, 1), element(9, bytes(8)))
+    for _ in range(levels):
+        inner = matrix(1, (1, 1), inner)
+    return inner
+
+
+CLAIMS = {
+    "structs": (matrix(2, (200_000_000, 1), element(5, struct.pack("<i", 32)), element(1, b"")), "200000000 x 1"),
+    "cells": (matrix(1, (100_000_000, 1)), "100000000 x 1"),
+    "numbers": (matrix(6, (1_000_000_000, 1), element(9, bytes(16))), "1000000000 x 1"),
+    "a negative size": (matrix(6, (-5, 1), element(9, bytes(16))), "-5 x 1"),
+    "a sparse one": (matrix(5, (2**31 - 1, 2**31 - 1), *[element(5, bytes(16))] * 2), "2147483647 x 2147483647"),
+    "deep": (nested(50), "more than 32 structs within each other"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("case", CLAIMS)
+def test_a_matlab_file_that_claims_more_than_it_holds_is_refused_before_anything_is_made_of_it(tmp_path, case, packed):
+    content, message = CLAIMS[case]
+    content = element(15, zlib.compress(content)) if packed else content
+    (tmp_path / "hostile.mat").write_bytes(b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + content)
+    with pytest.raises(InvalidRecording, match=message):
+        read_table(tmp_path / "hostile.mat")
+
+
+def test_honest_matlab_files_are_read_whatever_is_in_them(tmp_path):
+    records = np.array(
+        [
+            (1.5, "text", [], {"inner": np.zeros((2, 3))}, np.int8([1, 2])),
+            (2.5, "", [[1.0]], {"inner": 3}, np.int8([])),
+        ],
+        dtype=[("a", float), ("b", object), ("c", object), ("d", object), ("e", object)],
+    )
+    beside = {"empty": np.zeros((0, 0)), "flag": True, "complex": np.array([1 + 2j]), "note": "a note"}
+    for compressed in (False, True):
+        scipy.io.savemat(tmp_path / "honest.mat", {"touches": records, **beside}, do_compression=compressed)
+        table = read_table(tmp_path / "honest.mat", variable="touches")
+        np.testing.assert_array_equal(table.floats("a"), [1.5, 2.5])
+        assert table["d.inner"][0].shape == (2, 3)
+    scipy.io.savemat(tmp_path / "old.mat", {"data": np.arange(6.0).reshape(3, 2)}, format="4")
+    np.testing.assert_array_equal(read_table(tmp_path / "old.mat").floats("1"), [1.0, 3.0, 5.0])
+
+
 def test_a_pattern_names_what_stands_in_its_place():
     names = ["q.elbow", "q.wrist", "q.", "p.elbow", "xq.elbow"]
     assert matching(names, "q.*") == {"elbow": "q.elbow", "wrist": "q.wrist"}

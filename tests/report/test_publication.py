@@ -10,6 +10,7 @@ import xarray as xr
 import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.report._latex import latex
+from bodyimage_kin.report._page import number
 from bodyimage_kin.study.results import MISSING
 
 ESTIMATORS = ["analytic", "least_squares", "rational_trig"]
@@ -107,6 +108,29 @@ def test_one_exact_recording_is_not_the_truth(results, tmp_path):
     numbers = json.loads((tmp_path / "results.json").read_text())
     assert numbers["baseline"] == "least_squares"
     assert numbers["scores"]["noisy"]["rational_trig"]["ratio"]["recordings"] == SEEDS
+
+
+def test_table_page_and_comparison_are_of_one_family_that_is_named(results, tmp_path):
+    # Three estimators beside the baseline, so that what is adjusted over is seen in the numbers.
+    one, more = (results.sel(estimator=[name]) for name in ("rational_trig", "least_squares"))
+    draw = np.random.default_rng(1).uniform(0.9, 1.3, one["relative_error_use"].shape)
+    values = more["relative_error_use"].values * draw
+    another = one.assign(relative_error_use=(one["relative_error_use"].dims, values))
+    results = xr.concat([results, another.assign_coords(estimator=["another"])], "estimator", data_vars="minimal")
+    found = bk.study.compare(results.sel(estimator=["least_squares", "rational_trig", "another"], probe="on_face"),
+                             "relative_error_use", "least_squares")  # fmt: skip
+    assert found.attrs["family"] == "4 comparisons: 2 estimators x 2 recordings"
+    table = bk.report.publish(results, tmp_path, baseline="least_squares").read_text()
+    assert "adjusted (Holm) over 4 comparisons: 2 estimators x 2 recordings on the face." in table
+    numbers = json.loads((tmp_path / "results.json").read_text())["scores"]
+    page = bk.report.write(results, tmp_path / "report.html", baseline="least_squares").read_text()
+    said = " ".join(page.split())
+    assert "adjusted (Holm) over 4 comparisons: 2 estimators x 2 recordings on the face." in said
+    for recording in ("noise_free", "noisy"):
+        for estimator in ("rational_trig", "another"):
+            p = float(found["p_holm"].sel(recording=recording, estimator=estimator))
+            assert numbers[recording][estimator]["ratio"]["p_holm"] == pytest.approx(p, rel=1e-3)
+            assert f"</td><td>{number(p, 2)}</td>" in page
 
 
 def test_refuses_what_is_no_comparison(results, tmp_path):

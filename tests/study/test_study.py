@@ -15,9 +15,11 @@ import xarray as xr
 import bodyimage_kin as bk
 from bodyimage_kin.body.file import embodiment_folder
 from bodyimage_kin.cli import study as commands
+from bodyimage_kin.cli.status import FAILED, status_command
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
 from bodyimage_kin.study import PROBES, Row, Simulation, Study, read_study, recording_of, specs, statistics, summary
+from bodyimage_kin.study.parts import parts_in
 from bodyimage_kin.study.results import MISSING
 
 STILL = Simulation(Circle(turns=0.5), RandomTouch(duration=5.0), FaceTour(speed=0.2), dynamics=False)
@@ -243,14 +245,15 @@ def test_only_what_is_missing_is_computed_and_it_is_the_same(done, tmp_path):
     totals = []
     xr.testing.assert_identical(study.run(copy, "in-process", progress=lambda n, total: totals.append(total)), results)
     assert max(totals) == 0
-    (copy / "cells/infant/still/paper/block1.part").unlink()
-    assert (read_study(copy)["failure"].sel(estimator="paper") == MISSING).values.ravel().tolist() == [
-        False,
-        False,
-        True,
-    ]
+    gone = next(copy.glob("cells/infant/still/*.parts"))
+    cells = [part.identity for part in parts_in(gone)]
+    gone.unlink()
+    failure = read_study(copy)["failure"].squeeze()
+    assert (failure == MISSING).sum() == sum(len(one["seeds"]) for one in cells)
+    assert all((failure.sel(estimator=one["estimator"], seed=one["seeds"]) == MISSING).all() for one in cells)
     again = study.run(copy, "in-process", progress=lambda n, total: totals.append(total))
-    assert max(totals) == 2  # its ground, from the store, and the cell
+    # Its recordings, which are there, and the cell.
+    assert max(totals) == len({one["block"] for one in cells}) + len(cells)
     xr.testing.assert_identical(reproducible(again), reproducible(results))
 
 
@@ -263,7 +266,7 @@ def test_an_interrupted_run_keeps_what_is_done(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         study.run(tmp_path, "in-process", progress=interrupt)
-    assert len(list(tmp_path.glob("cells/**/*.part"))) == 1
+    assert len(list(tmp_path.glob("cells/**/*.parts"))) == 1
     assert not list(tmp_path.glob("**/*.tmp"))
 
 
@@ -285,7 +288,7 @@ def test_another_config_or_robot_is_refused_with_the_difference(done, tmp_path):
 def test_a_store_grows_and_its_cells_stay_as_they_were(tmp_path):
     begun = small(seeds=[4, 2], estimators={"flat": "LeastSquares"}, probes={"on_face": "on_face"})
     first = begun.run(tmp_path, "in-process")
-    cells = {path: path.read_bytes() for path in tmp_path.glob("cells/**/*.part")}
+    cells = {path: path.read_bytes() for path in tmp_path.glob("cells/**/*.parts")}
     wider = {"flat": "LeastSquares", "truth": "Analytic"}
     quick = Simulation(Circle(turns=0.5), RandomTouch(duration=5.0), FaceTour(speed=0.3), dynamics=False)
     grown = small(
@@ -365,12 +368,12 @@ def test_the_commands_run_report_and_tell_how_far_it_is(tmp_path, capsys):
     )
     out = tmp_path / "out"
     with pytest.raises(InvalidConfig, match="holds no study"):
-        commands.status_command(out)
-    assert commands.study_command(tmp_path / "study.toml", out, scheduler="in-process") == commands.FAILED
+        status_command(out)
+    assert commands.study_command(tmp_path / "study.toml", out, scheduler="in-process") == FAILED
     assert "infant/still/odd, seeds 0: ValueError: nothing to learn" in capsys.readouterr().err
-    assert commands.status_command(out) == commands.FAILED
+    assert status_command(out) == FAILED
     assert "infant/still/flat: 1 of 1 done\ninfant/still/odd: 0 of 1 done, 1 failed" in capsys.readouterr().out
-    assert commands.report_command(out, baseline="flat", publish=tmp_path / "kept") == commands.FAILED
+    assert commands.report_command(out, baseline="flat", publish=tmp_path / "kept") == FAILED
     assert "| flat |" in (tmp_path / "kept/table.md").read_text()
     assert "nothing to learn" in (out / "report.html").read_text()
     with xr.open_dataset(out / "results.nc", engine="h5netcdf") as results:

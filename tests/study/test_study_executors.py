@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from bodyimage_kin.estimators import LeastSquares
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
 from bodyimage_kin.study import Simulation, Study, executors, read_study, summary
 from bodyimage_kin.study.executors import Call
+from bodyimage_kin.study.parts import parts_in
 from bodyimage_kin.study.results import MISSING
 
 WAYS = ("raises", "nan", "shape", "sleeps", "dies")
@@ -131,6 +133,9 @@ MISBEHAVING = {
     "dies": "WorkerDied: the process ended with status 3",
     "kills itself": "WorkerDied: the process ended with status -9",
     "aborts": "WorkerDied: the process ended with status -6",
+    "segfaults": "WorkerDied: the process ended with status -11",
+    "stops": "TimeLimitExceeded: took longer",
+    "asks": "EOFError",
     "closes all": "WorkerDied",
     "exits": "SystemExit: 3",
     "interrupts": "WorkerDied",
@@ -140,6 +145,8 @@ MISBEHAVING = {
     "forgets": "WrongResult: fit returned nothing",
     "leaks": "WrongResult: jacobian at probe 'on_face' holds",
     "nan": "WrongResult",
+    "inf": "WrongResult",
+    "raises late": "ValueError: asked too much",
     "shape": "WrongResult",
     "floods": "",
     "starts threads": "",
@@ -178,6 +185,36 @@ def test_what_misbehaves_on_dask_with_threads_costs_itself(tmp_path):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
         check_misbehaving(misbehaving().run(tmp_path, cluster.scheduler_address))
+
+
+def test_what_a_cell_leaves_behind_costs_no_other_cell(tmp_path):
+    rows = {
+        "dies_later": odd_estimators.Odd("dies later"),
+        "dawdles": odd_estimators.Odd("dawdles"),
+        "dies": odd_estimators.Odd("dies"),
+        "last": LeastSquares(),
+    }
+    still = Simulation(Circle(turns=0.5), RandomTouch(duration=4.0), FaceTour(speed=0.2), dynamics=False)
+    found = Study("infant", {"still": still}, rows, seeds=1, probes=["on_face"]).run(tmp_path, workers=1)
+    said = {str(name): found["failure"].sel(estimator=name).item() for name in found["estimator"].values}
+    assert said.pop("dies").startswith("WorkerDied: the process ended with status 3")
+    assert set(said.values()) == {""}, said
+
+
+def test_small_cells_are_handed_out_together_and_fail_alone(tmp_path):
+    """Those of which it is known that they take little time; one of them that hangs is found among the others."""
+    still = Simulation(Circle(turns=0.5), RandomTouch(duration=4.0), FaceTour(speed=0.2), dynamics=False)
+    rows = {f"row{number}": LeastSquares(scale=1 + number / 10) for number in range(12)}
+    rows |= {"sleeps": odd_estimators.Odd("sleeps"), "dies": odd_estimators.Odd("dies"), "last": LeastSquares()}
+    study = Study("infant", {"still": still}, rows, seeds=1, probes=["on_face"], time_limit=6.0)
+    found = study.run(tmp_path, workers=1)
+    said = {str(name): set(found["failure"].sel(estimator=name).values.ravel()) for name in found["estimator"].values}
+    assert all("TimeLimitExceeded" in one for one in said.pop("sleeps"))
+    assert all("status 3" in one for one in said.pop("dies"))
+    assert set.union(*said.values()) == {""}
+    shared = [len(list(parts_in(path))) for path in tmp_path.glob("cells/infant/still/*.parts")]
+    assert sum(shared) == 15
+    assert max(shared) > 2
 
 
 def careless(*ways):
@@ -266,7 +303,7 @@ def end_with_children(command, by, tmp_path):
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1])
     try:
         deadline = time.monotonic() + 90
-        while not (tmp_path / "out/facts/infant/still/block0.part").exists():
+        while not (tmp_path / "out/recordings/infant/still/block0.parts").exists():
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.2)
@@ -321,3 +358,47 @@ def test_a_lost_scheduler_is_called_so_and_what_is_finished_is_kept(tmp_path):
         study.run(tmp_path, cluster.scheduler_address, progress=told)
     said = read_study(tmp_path)["failure"].squeeze()
     assert said.values.tolist() == ["", MISSING]
+
+
+KILLED = """
+import sys
+sys.path.insert(0, {tests!r})
+import bodyimage_kin as bk
+bk.Study.from_toml({file!r}).run({out!r}, {scheduler!r})
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_drivers_and_workers_of_dask_killed_at_any_moment_change_no_bit(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    still = Simulation(Circle(turns=0.5), RandomTouch(duration=4.0), FaceTour(speed=0.2), dynamics=False)
+    rows = {"flat": LeastSquares(), "slow": odd_estimators.Odd("dawdles"), "paper": {"PaperMLP": {"steps": 5}}}
+    study = Study("infant", {"still": still}, rows, seeds=16, block=1, probes=["on_face"])
+    wanted = study.run(tmp_path / "whole", "in-process")
+    study.to_toml(tmp_path / "study.toml")
+    rng, killed = np.random.default_rng(2), 0
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
+        script = KILLED.format(
+            tests=str(Path(__file__).parents[1]),
+            file=str(tmp_path / "study.toml"),
+            out=str(tmp_path / "out"),
+            scheduler=cluster.scheduler_address,
+        )
+        for number in range(20):
+            process = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(float(rng.uniform(3.0, 12.0)))
+            if number % 2:
+                # The process of the worker, which its nanny begins anew.
+                for nanny in cluster.workers.values():
+                    os.kill(nanny.pid, signal.SIGKILL)
+                    killed += 1
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(6.0)
+            killed += process.poll() is None
+            process.kill()
+            process.wait()
+        found = study.run(tmp_path / "out", cluster.scheduler_address)
+    assert killed >= 10
+    xr.testing.assert_identical(found.drop_vars("fit_seconds"), wanted.drop_vars("fit_seconds"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -14,6 +15,7 @@ from torch import Tensor
 
 from bench.timing import quartiles, turns
 from bodyimage_kin.backends import kinematics
+from bodyimage_kin.body import Camera, Pinhole
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.robot import Robot
 
@@ -35,13 +37,16 @@ def growth(rounds: int) -> list[dict[str, Any]]:
 
 
 def images(rounds: int) -> list[dict[str, Any]]:
-    """The image Jacobian in one pass, by torch formulas from poses and Jacobians, and a 6 x n Jacobian alone."""
+    """The image Jacobian in one pass, of a lens in pixels too, by torch formulas, and a 6 x n Jacobian alone."""
     fused, plain = load_embodiment("infant", backend="numba"), load_embodiment("infant", backend="numba")
     # What is cached there is what would be built: None means that nothing does it in one pass.
     plain.__dict__["_sight"] = None
     q = fused.felt_home + 0.1 * (torch.rand(_BATCH, fused.p, generator=torch.manual_seed(0), dtype=torch.float64) - 0.5)
+    lens = Pinhole(600.0, 600.0, 320.0, 240.0, distortion=(-0.1, 0.01, 1e-3, -1e-3, 2e-3))
+    pixels = dataclasses.replace(fused, camera=Camera(fused.camera.link, fused.camera.link_T_camera, lens))
     work = {
         "image Jacobian, one pass": lambda: fused.hand_image_jacobian(q),
+        "image Jacobian of a pinhole with distortion, one pass": lambda: pixels.hand_image_jacobian(q),
         "image Jacobian, from 6 x n ones": lambda: plain.hand_image_jacobian(q),
         "6 x n Jacobian alone": lambda: fused.kinematics.pose_and_jacobian(q, fused.hand.link),
     }
