@@ -122,9 +122,9 @@ def score(
         result = _over_draws(
             [score(learned, one, seen, use, probes, seed=seed, metric_of=metric_of, **settings) for one in every]
         )
-        one, other = halves(body, seed)
-        known = AnalyticJacobian(one, unit=one.camera.model.unit)
-        apart = score(known, other, seen, probes=probes, scores=["relative_error"])["relative_error"]
+        half, other_half = halves(body, seed)
+        known = AnalyticJacobian(half, unit=half.camera.model.unit)
+        apart = score(known, other_half, seen, probes=probes, scores=["relative_error"])["relative_error"]
         return result.assign(halves_apart=apart.assign_attrs(long_name="relative difference of bodies of two halves"))
     if body is None and scores is None:
         return learned_scores(learned, seen, use, noise)
