@@ -28,8 +28,8 @@ from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import experience, simulate_many
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study.blocks import Block
+from bodyimage_kin.study.calls import Step
 from bodyimage_kin.study.context import Context, Score, WrongResult
-from bodyimage_kin.study.executors import Step
 from bodyimage_kin.study.facts import SHARED_MAPS
 from bodyimage_kin.study.grid import ROLES, Row, Simulation
 from bodyimage_kin.study.parts import Part

@@ -20,8 +20,8 @@ import xarray as xr
 from bodyimage_kin.errors import InvalidConfig, MissingDependency
 from bodyimage_kin.estimators import LeastSquares
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
-from bodyimage_kin.study import Simulation, Study, executors, read_study, summary
-from bodyimage_kin.study.executors import Call
+from bodyimage_kin.study import Simulation, Study, calls, executors, read_study, summary
+from bodyimage_kin.study.calls import Call
 from bodyimage_kin.study.parts import parts_in
 from bodyimage_kin.study.results import MISSING
 
@@ -93,12 +93,12 @@ def test_a_dask_cluster_works_off_a_study(asked, by_pool, tmp_path):
 
 def test_where_nothing_can_be_killed_it_is_given_up():
     begin = time.monotonic()
-    with pytest.raises(executors.TimeLimitExceeded, match=r"time limit of 0\.2 s"):
-        executors.here(Call(time.sleep, (3.0,), limit=0.2))
+    with pytest.raises(calls.TimeLimitExceeded, match=r"time limit of 0\.2 s"):
+        calls.here(Call(time.sleep, (3.0,), limit=0.2))
     assert time.monotonic() - begin < 2.0
-    assert executors.here(Call(max, (1, 2), limit=5.0)) == 2
+    assert calls.here(Call(max, (1, 2), limit=5.0)) == 2
     with pytest.raises(ZeroDivisionError):
-        executors.here(Call(divmod, (1, 0), limit=5.0))
+        calls.here(Call(divmod, (1, 0), limit=5.0))
 
 
 def test_a_pool_goes_on_after_an_error():
