@@ -175,7 +175,10 @@ def _record(block: Block, store: Store, write: Callable[..., None]) -> str:
         if need_maps(block.settings["scores"], Path(block.folder)):
             names += [name for name in SHARED_MAPS if name not in names]
         facts = [resolve(name, Path(block.folder)) for name in names]
-        found = [computed(_context(block, body, loaded, index, Row(), {}), facts) for index in range(len(block.seeds))]
+        found = [
+            computed(_context(block, body, loaded, index, Row(), {}), facts) if facts else ({}, {})
+            for index in range(len(block.seeds))
+        ]
     except (Exception, SystemExit) as problem:
         return said(problem)
     axis = loaded["training"][0].coords.get("axis")
