@@ -17,7 +17,7 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import embodiments as known_embodiments
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.body_image import BodyImage
-from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
+from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.recordings import Drag, Noise, motions, read_recording
 from bodyimage_kin.study import specs
 from bodyimage_kin.study.cells import row_of
@@ -79,10 +79,9 @@ class Reader:
             return {}
         if isinstance(spec, Embodiment):
             backend = {"backend": spec.kinematics.name}
-            if spec.name in known_embodiments():
-                own = load_embodiment(spec.name)
-                if own.sha256 == spec.sha256:
-                    return {"embodiment": spec.name} | (backend if own.kinematics.name != spec.kinematics.name else {})
+            own = _ours(spec.name)
+            if own is not None and own.sha256 == spec.sha256:
+                return {"embodiment": spec.name} | (backend if own.kinematics.name != spec.kinematics.name else {})
             body_files(spec)
             self.given[spec.sha256] = spec
             return {"given": spec.sha256, **backend}
@@ -287,3 +286,13 @@ def _is_path(given: Any) -> bool:
 
 def _is_hash(given: Any) -> bool:
     return isinstance(given, str) and re.fullmatch(r"[0-9a-f]{64}", given) is not None
+
+
+def _ours(name: str) -> Embodiment | None:
+    """The embodiment of that name that comes with the package; None where there is none, or its robot is not here."""
+    if name not in known_embodiments():
+        return None
+    try:
+        return load_embodiment(name)
+    except BodyImageKinError:
+        return None
