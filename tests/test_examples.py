@@ -33,6 +33,17 @@ def test_an_example_is_short(path):
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_a_notebook_too(path):
+    parser = pytest.importorskip("sphinx_gallery.py_source_parser", reason="sphinx-gallery is not installed")
+    _, blocks = parser.split_code_and_text_blocks(str(path))
+    cells = [text for kind, text, _ in blocks if kind == "code"]
+    assert len(cells) >= 2
+    for cell in cells:
+        compile(cell, path.name, "exec")
+    assert blocks[0][0] == "text", "it begins with what it is about"
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_and_shows_a_plot(path, tmp_path):
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", RUN, str(path)],
