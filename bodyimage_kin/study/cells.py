@@ -425,7 +425,7 @@ def _part(
         if any(value is not None for value in values):
             arrays[score.name] = padded(values)
             variables[score.name] = [list(score.dims), score.attributes]
-            labels |= {dim: list(names) for dim, names in (score.labels or {}).items()}
+            labels |= {dim: list(map(str, names)) for dim, names in (score.labels or {}).items()}
     lacking = {key: why for one in found if one is not None for key, why in one[1].items()}
     notes = {"variables": variables, "labels": labels, "left_out": lacking, "versions": versions()}
     return Part(identity, arrays, notes | {"failures": list(failures)})

@@ -130,7 +130,7 @@ class Ours(Executor, abc.ABC):
 
     @property
     def room(self) -> int:
-        """How many calls may wait at once: enough for a cluster."""
+        """How many calls may wait at once, so that nobody waits for work."""
         return 256
 
     @property
@@ -163,6 +163,13 @@ class OnDask(Ours):
 
     def __init__(self, client: Any) -> None:
         self._client, self._executor = client, client.get_executor(pure=False)
+        # Twice as many as work when the run begins, and enough for a cluster that grows meanwhile.
+        self._room = max(256, 2 * sum(client.nthreads().values()))
+
+    @property
+    def room(self) -> int:
+        """See :class:`Ours`."""
+        return self._room
 
     def hand_out(self, call: Call) -> Future[Any]:
         """See :class:`Ours`."""
