@@ -16,7 +16,10 @@ import json, runpy, sys
 import matplotlib.pyplot as plt
 runpy.run_path(sys.argv[1], run_name="__main__")
 panels = [axes for number in plt.get_fignums() for axes in plt.figure(number).axes]
-drawn = [[axes.has_data(), axes.get_xlabel(), axes.get_ylabel(), axes.get_title()] for axes in panels]
+# A panel without data says why it has none.
+drawn = [
+    [axes.has_data() or bool(axes.texts), axes.get_xlabel(), axes.get_ylabel(), axes.get_title()] for axes in panels
+]
 print(json.dumps(drawn))
 """
 
