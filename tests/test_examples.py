@@ -18,7 +18,13 @@ runpy.run_path(sys.argv[1], run_name="__main__")
 panels = [axes for number in plt.get_fignums() for axes in plt.figure(number).axes]
 # A panel without data says why it has none.
 drawn = [
-    [axes.has_data() or bool(axes.texts), axes.get_xlabel(), axes.get_ylabel(), axes.get_title()] for axes in panels
+    [
+        axes.has_data() or bool(axes.texts),
+        axes.get_xlabel(),
+        axes.get_ylabel(),
+        axes.get_title() or axes.get_title("left"),
+    ]
+    for axes in panels
 ]
 print(json.dumps(drawn))
 """
