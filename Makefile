@@ -21,6 +21,7 @@ test-all: $(READY)  ## the slow, exhaustive ones as well
 
 bench: $(READY)  ## speed and accuracy of every kinematics engine installed, written beside comparisons/speed/run.py
 	$(BIN)/python comparisons/speed/run.py
+	$(BIN)/python comparisons/speed/studies.py
 
 audit: $(READY)  ## every number that a page gives as a result, held against the committed results
 	$(BIN)/python comparisons/audit.py

@@ -13,6 +13,8 @@ from bodyimage_kin.body.file import embodiments as embodiments
 from bodyimage_kin.body.file import load_embodiment as load_embodiment
 from bodyimage_kin.body.hand import Hand as Hand
 from bodyimage_kin.body.pinhole import Pinhole as Pinhole
+from bodyimage_kin.body.proposal import Proposal as Proposal
+from bodyimage_kin.body.proposal import propose as propose
 from bodyimage_kin.body.skin import Patch as Patch
 from bodyimage_kin.body.skin import Skin as Skin
 from bodyimage_kin.body.taxel_tables import TaxelTable as TaxelTable
@@ -28,6 +30,7 @@ __all__ = [
     "Hand",
     "Patch",
     "Pinhole",
+    "Proposal",
     "Skin",
     "Stereo",
     "TaxelTable",
@@ -36,6 +39,7 @@ __all__ = [
     "check_embodiment",
     "embodiments",
     "load_embodiment",
+    "propose",
     "read_icub_taxels",
     "read_nao_taxels",
 ]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -38,6 +39,9 @@ from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.geometry import Mesh
 
 __all__ = ["Embodiment", "Frame"]
+
+_LIST = re.compile(r"\[\n(?:[^\[\]\n]*,\n|\s*\[[^\[\]\n]*\],\n)+\s*\]")
+_WIDTH = 100
 
 
 class Frame(NamedTuple):
@@ -180,7 +184,8 @@ class Embodiment(SeeingBody):
         """
         tables = describe(self)
         place = urdf or (f"{self.name}.urdf" if self.robot.file is None else str(self.robot.file))
-        return tomli_w.dumps({"name": tables.pop("name"), "urdf": place, **self._meshes(urdf), **tables})
+        told = {"name": tables.pop("name"), "urdf": place, **self._meshes(urdf), **tables}
+        return _short_lists_in_one_line(tomli_w.dumps(told))
 
     def _meshes(self, urdf: str | None) -> dict[str, str]:
         """Where a file tells meshes to lie: as the robot says, or where they lay beside a URDF that is written anew."""
@@ -328,3 +333,13 @@ class Embodiment(SeeingBody):
             joint = self.joints[int(beyond.reshape(-1, self.p).any(0).to(torch.int8).argmax())]
             raise InvalidPosture(f"joint '{joint}' is beyond its limits")
         return felt
+
+
+def _short_lists_in_one_line(toml: str) -> str:
+    """The same TOML as a person would write it; texts with a bracket or a line's end in them are left alone."""
+    return _LIST.sub(lambda found: _one_line(found[0]), _LIST.sub(lambda found: _one_line(found[0]), toml))
+
+
+def _one_line(listed: str) -> str:
+    told = " ".join(listed.split()).replace("[ ", "[").replace(", ]", "]")
+    return told if len(told) <= _WIDTH else listed

@@ -18,6 +18,7 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.hand import Hand
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.meshes import package_file
 
 __all__ = ["embodiment_folder", "embodiments", "load_embodiment"]
 
@@ -36,6 +37,8 @@ def embodiments() -> tuple[str, ...]:
 
 def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type | None = None) -> Embodiment:
     """An embodiment by name, or from a TOML file.
+
+    Its robot is a file beside it, or one of a package: ``urdf = "package://example-robot-data/robots/..."``.
 
     A camera model of one's own, ``model = "package.module:Class"``, is looked for in what is installed, beside the file
     and in the current folder; it is looked at before it is built of the table's other fields.
@@ -107,7 +110,8 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     posture: Any = None
     if urdf is not None:
         with mistakes.noted():
-            robot = Robot.from_urdf(path.parent / urdf, mesh_folder=meshes)
+            place = package_file(urdf) if urdf.startswith("package:") else path.parent / urdf
+            robot = Robot.from_urdf(place, mesh_folder=meshes)
     if robot is not None:
         links = {
             what: one.values["link"]

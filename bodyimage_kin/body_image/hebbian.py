@@ -31,7 +31,7 @@ class HebbianMap(Shown):
 
     weights: Float[np.ndarray, "taxels cells"]
     cells: Float[np.ndarray, "cells m"]
-    tactile_map: Float[np.ndarray, "*taxels m"]
+    tactile_map: Float[np.ndarray, "... m"]
 
 
 def hebbian_map(

@@ -49,7 +49,7 @@ class BodyImage(Shown):
         config: Every setting, by name; numbers, strings and lists.
     """
 
-    tactile_map: Float[np.ndarray, "*taxels m"]
+    tactile_map: Float[np.ndarray, "... m"]
     postures: Float[np.ndarray, "posture_rows posture_columns p"]
     posture_map: Float[np.ndarray, "posture_rows posture_columns m"]
     touch_counts: Int[np.ndarray, " taxels"]

@@ -20,8 +20,9 @@ import tyro
 
 from bodyimage_kin import __version__
 from bodyimage_kin.cli.arguments import Command
+from bodyimage_kin.cli.bodies import Embodiment
 from bodyimage_kin.cli.calibrate import Calibrate
-from bodyimage_kin.cli.checks import Conform, Embodiment
+from bodyimage_kin.cli.checks import Conform
 from bodyimage_kin.cli.doctor import Doctor
 from bodyimage_kin.cli.next import Next
 from bodyimage_kin.cli.recordings import Fit, Import, Simulate
@@ -107,7 +108,7 @@ def _told(problem: Exception) -> int:
 
 def _parsed(given: list[str]) -> Command:
     """The command that the arguments mean; help and mistakes in them end the process."""
-    config = (tyro.conf.FlagCreatePairsOff,)
+    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes)
     if given and given[0] in _COMMANDS:
         kind: Any = _COMMANDS[given[0]]
         name = f"bodyimage-kin {given[0]}"

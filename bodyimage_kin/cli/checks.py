@@ -1,18 +1,16 @@
-"""The commands that hold something against what is known: ``conform`` and ``embodiment``."""
+"""The command that holds kinematics libraries against what is known: ``conform``."""
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 from tyro.conf import Positional, arg
 
 from bodyimage_kin.cli.arguments import Command, Flag, MaybeFolder, Names, print_json
 
-__all__ = ["Conform", "Embodiment"]
+__all__ = ["Conform"]
 
 
 @dataclass(frozen=True)
@@ -62,47 +60,3 @@ class Conform(Command):
         else:
             print(report)
         return report.exit_status
-
-
-@dataclass(frozen=True)
-class Embodiment(Command):
-    """Say in seconds what cannot work with an embodiment, before anything is computed.
-
-    Exit status 1 when there is an error; notes are no errors.
-    """
-
-    EXAMPLES: ClassVar[tuple[str, ...]] = (
-        "bodyimage-kin embodiment check infant --paper",
-        "bodyimage-kin embodiment check my.toml --mesh-folder meshes",
-    )
-
-    action: Annotated[Literal["check"], Positional, arg(metavar="{check}")]
-    """Its file, what its eye sees, what its hand reaches, which meshes are missing."""
-    file: Annotated[str, Positional, arg(metavar="NAME|TOML")]
-    """Name of an embodiment, or path of a TOML file."""
-    paper: Flag = False
-    """Hold it to the paper's protocol: the whole circle is seen, and never the hand while it touches."""
-    mesh_folder: MaybeFolder = None
-    """Where meshes may lie, subfolders included; by default what the file says, or beside the URDF."""
-    json: Flag = False
-    """The findings as JSON, for a machine."""
-
-    def __call__(self) -> int:
-        """Runs it."""
-        from bodyimage_kin.body import check_embodiment
-        from bodyimage_kin.body.file import load_embodiment
-
-        body = load_embodiment(self.file)
-        file = Path(self.file) if self.file.endswith(".toml") else None
-        found = check_embodiment(body, paper=self.paper, mesh_folder=self.mesh_folder, file=file)
-        wrong = any(finding.level == "error" for finding in found)
-        if self.json:
-            findings = [dataclasses.asdict(finding) for finding in found]
-            print_json({"embodiment": body.name, "fit": not wrong, "findings": findings})
-            return int(wrong)
-        print(body)
-        for finding in found:
-            print(finding)
-        if not found:
-            print("nothing to tell: fit for all")
-        return int(wrong)

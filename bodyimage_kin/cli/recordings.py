@@ -71,6 +71,8 @@ class Simulate(Command):
     """Standard deviation of what is felt of a joint [rad or m]."""
     image: _Deviation = 0.0
     """Standard deviation of each coordinate of the hand image [its unit]."""
+    blind_touch: Flag = False
+    """Images of the hand while it touches count as unseen, whatever the eye sees then."""
     overwrite: Flag = False
     """Replace a file that is there."""
     json: Flag = False
@@ -87,18 +89,23 @@ class Simulate(Command):
         motion = MOTION.build({self.motion: settings})
         noise = Noise(torque=self.torque, encoder=self.encoder, image=self.image)
         body = load_embodiment(self.embodiment)
-        recording = simulate(body, motion, self.seed, self.trials, not self.kinematic, noise)
+        recording = simulate(
+            body, motion, self.seed, self.trials, not self.kinematic, noise, touch_seen=not self.blind_touch
+        )
         write_recording(recording, self.out)
         _say(recording, self.out, self.json)
         return 0
 
 
-_TABLES = ("columns", "units", "joints", "order", "size", "unseen", "where", "gap", "variable", "decimal")
+_TABLES = (
+    *("columns", "units", "joints", "order", "size", "unseen", "where", "gap", "sampling", "variable", "decimal"),
+    "join_within",
+)
 
 
 @dataclass(frozen=True)
 class Import(Command):
-    """Turn a table of postures and observations (CSV, Parquet, MATLAB) into a recording, and check it.
+    """Turn a table of postures and observations (CSV, Parquet, MATLAB), or a bag, into a recording, and check it.
 
     What people get wrong in tables is said in one line with row and column: degrees for radians, millimetres for
     metres, a clock that runs back, images outside the sensor.
@@ -108,17 +115,19 @@ class Import(Command):
         "bodyimage-kin import table.csv --robot my.toml --out lab.nc",
         "bodyimage-kin import poses.csv --columns 'q=arm.*' hand_image=u,v time=stamp --units q=deg --out lab.nc",
         "bodyimage-kin import poses.mat --settings lab.toml --order scattered --out lab.nc",
+        "bodyimage-kin import run.mcap --columns q=/joint_states 'hand_position=/tf[marker_7]' --out lab.nc",
     )
 
     table: Annotated[Path, Positional, arg(metavar="TABLE")]
-    """The table: .csv, .tsv, .txt, .dat, .parquet, .mat; or a recording of ours, NetCDF."""
+    """The table: .csv, .tsv, .txt, .dat, .parquet, .mat; a bag: .bag, .mcap, .db3 or its folder."""
     out: File
     """The recording's file, NetCDF."""
     robot: MaybeEmbodiment = None
     """Whose joints these are: a URDF, an embodiment's TOML file or name; names, limits and units are checked by it."""
     columns: _Pairs = ()
     """q=shoulder,elbow or q='arm.*' or q=JOINT:COLUMN,...; hand_image=u,v; hand_position=x,y,z; touched=t; time=stamp;
-    likewise trial, block, repeat. Numbers are columns by position, from 0. Without: columns named so, or as joints."""
+    likewise trial, block, repeat. Numbers are columns by position, from 0. Without: columns named so, or as joints.
+    Of a bag: topics."""
     units: _Pairs = ()
     """Units in the file: q=deg, hand_position=mm, time=ms. Else radians, metres, seconds, pixels."""
     joints: Names = ()
@@ -135,10 +144,14 @@ class Import(Command):
     """Only rows in which a column has this value: camera=1."""
     gap: MaybeNumber = None
     """A pause of more than this begins a new trial [s]."""
+    sampling: MaybeNumber = None
+    """Put the samples on a clock of this step [s]; by default they stay where they are."""
     variable: MaybeName = None
     """Name of the variable in a MATLAB file that holds several."""
     decimal: Annotated[str | None, arg(metavar=".|,", help_behavior_hint="")] = None
     """What stands before the decimals in a text; a point."""
+    join_within: MaybeNumber = None
+    """Joint states on both sides of an observation in a bag must be this near in time [s]; 0.1."""
     settings: MaybeFile = None
     """TOML file with any of these (columns, units, order ...); what is given here goes before it."""
     overwrite: Flag = False

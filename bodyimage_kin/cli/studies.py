@@ -86,6 +86,8 @@ class Study(Command):
     """Number of processes; by default one a core."""
     retry: Flag = False
     """Try cells again that failed before."""
+    twice: Flag = False
+    """Compute each cell twice, and fail those that come out differently."""
     json: Flag = False
     """With --status: as JSON, for a machine."""
 
@@ -100,7 +102,12 @@ class Study(Command):
         from bodyimage_kin.cli import study as commands
 
         return commands.study_command(
-            self.file, self.out, workers=self.workers, scheduler=self.scheduler, retry=self.retry
+            self.file,
+            self.out,
+            workers=self.workers,
+            scheduler=self.scheduler,
+            retry=self.retry,
+            twice=self.twice,
         )
 
 

@@ -16,7 +16,13 @@ __all__ = ["fit_command", "report_command", "study_command"]
 
 
 def study_command(
-    path: Path, out: Path, *, workers: int | None = None, scheduler: str | None = None, retry: bool = False
+    path: Path,
+    out: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    retry: bool = False,
+    twice: bool = False,
 ) -> int:
     """``bodyimage-kin study FILE.toml --out DIR``: runs what is missing, writes ``results.nc`` and ``report.html``.
 
@@ -26,6 +32,7 @@ def study_command(
         workers: Of the pool of processes; None: one a processor.
         scheduler: Address of a Dask scheduler; instead of the pool.
         retry: Whether cells that failed are tried again.
+        twice: Whether each cell is computed twice, and fails where that differs.
 
     Returns:
         0, or :data:`bodyimage_kin.cli.status.FAILED` when a cell failed.
@@ -33,7 +40,7 @@ def study_command(
     Raises:
         BodyImageKinError: As :meth:`Study.from_toml` and :meth:`Study.run`.
     """
-    results = Study.from_toml(path).run(out, scheduler, workers=workers, retry=retry, progress=True)
+    results = Study.from_toml(path).run(out, scheduler, workers=workers, retry=retry, twice=twice, progress=True)
     return _written(results, out)
 
 

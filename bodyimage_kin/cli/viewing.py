@@ -36,6 +36,8 @@ class View(Command):
     """Another recording that estimators learn from; by default the one that is looked at."""
     mesh_folder: MaybeFolder = None
     """Where meshes may lie, subfolders included; by default beside the URDF."""
+    next: Annotated[int, arg(metavar="N")] = 0
+    """So many postures to go to next, as ghosts beside the robot."""
     port: Annotated[int, arg(metavar="PORT")] = 8080
     """Where the page is; the next free one where it is taken."""
     export: MaybeFile = None
@@ -50,7 +52,11 @@ class View(Command):
         from bodyimage_kin import view
 
         scene = view.open_scene(
-            self.target, embodiment=self.embodiment, learn_from=self.learn_from, mesh_folder=self.mesh_folder
+            self.target,
+            embodiment=self.embodiment,
+            learn_from=self.learn_from,
+            mesh_folder=self.mesh_folder,
+            next_postures=self.next,
         )
         if self.export is not None:
             print(view.export(scene, self.export, self.recording or "", self.estimator or ""))

@@ -160,7 +160,7 @@ class Procrustes(Shown):
     rotation: Float[np.ndarray, "m m"]
 
 
-def procrustes(true: ArrayLike, map: ArrayLike, weights: ArrayLike | None = None) -> Procrustes:
+def procrustes(map: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) -> Procrustes:
     """Similarity fit of the truth to a map, without reflection.
 
     Not ``scipy.spatial.procrustes``, which reflects, and so calls a mirrored map perfect.
@@ -168,8 +168,8 @@ def procrustes(true: ArrayLike, map: ArrayLike, weights: ArrayLike | None = None
     ``tr(S D) / |A|^2``, the disparity ``1 - tr(S D)^2 / (|A|^2 |B|^2)``.
 
     Args:
-        true: The true places, (*taxels, m) [unit]: (rows, columns, m) of a grid, (taxels, m) of any skin.
-        map: The map, of the same shape.
+        map: (*taxels, m) [unit]: (rows, columns, m) of a grid, (taxels, m) of any skin.
+        true: The true places, of the same shape.
         weights: A mask of taxels or their touch counts, (*taxels); all alike when None.
 
     Returns:
@@ -209,7 +209,7 @@ def scores(map: ArrayLike, true: ArrayLike, weights: ArrayLike | None = None) ->
         InvalidArray: Shapes that differ, or weights that are negative or not finite.
     """
     map, true = as_pair(map, true, ("map", "true"), ndim=2)
-    fit, taught = procrustes(true, map, weights), map
+    fit, taught = procrustes(map, true, weights), map
     if weights is not None:
         taught = np.where(_as_weights(weights, map.shape[:-1])[..., None] > 0, map, np.nan)
     found: dict[str, Any] = {

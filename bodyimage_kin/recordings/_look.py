@@ -144,7 +144,7 @@ class Look:
             return
         limits = np.resize(_checks.numbers_of("size", size, 2, above=0.0), image.shape[1])
         with np.errstate(invalid="ignore"):
-            outside = np.argwhere((image < 0) | (image > limits))
+            outside = np.argwhere((image < -0.5) | (image > limits))
         if len(outside):
             row, axis = outside[0].tolist()
             raise InvalidRecording(

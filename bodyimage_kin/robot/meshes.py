@@ -24,11 +24,11 @@ from bodyimage_kin.robot.geometry import Box, Capsule, Cylinder, Mesh, Shape, Sp
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MESH_SUFFIXES", "load_mesh", "triangulate"]
+__all__ = ["MESH_SUFFIXES", "load_mesh", "mesh_path", "package_file", "triangulate"]
 
 MESH_SUFFIXES = frozenset({".stl", ".obj", ".dae", ".ply", ".off", ".glb"})
 """The mesh files that are read."""
-_PACKAGE = re.compile(r"package://([^/]+)/(.+)")
+_PACKAGE = re.compile(r"package:/{2,3}([^/]+)/(.+)")
 _SECTIONS = 64
 """Facets around a cylinder."""
 
@@ -81,6 +81,28 @@ def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path
         raise InvalidGeometry(f"link {link!r}: mesh {path} cannot be read: {problem}; mend the file") from problem
     loaded.apply_transform(np.diag([*mesh.scale, 1.0]))
     return loaded
+
+
+def package_file(name: str) -> Path:
+    """Where a file of a ROS package is: by what the environment says, or among the shared files of installed wheels.
+
+    Args:
+        name: ``package://PACKAGE/path/in/it``.
+
+    Raises:
+        InvalidGeometry: No such name, package or file.
+    """
+    package = _PACKAGE.fullmatch(name)
+    if package is None:
+        raise InvalidGeometry(f"{name!r} names no file of a package; write package://PACKAGE/path")
+    for place in _package_folders(package[1]):
+        path = (place / package[2]).resolve()
+        if path.is_file() and path.is_relative_to(place.resolve()):
+            return path
+    raise InvalidGeometry(
+        f"{name!r} is in no package that is known; install what brings it (robots of the field: the extra "
+        "bodyimage-kin[robots]), or set ROS_PACKAGE_PATH to where the package is"
+    )
 
 
 def mesh_path(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> Path:

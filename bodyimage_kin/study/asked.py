@@ -12,12 +12,12 @@ from typing import Any
 
 import xarray as xr
 
-from bodyimage_kin._checks import refuse, whole
+from bodyimage_kin._checks import refuse, text, whole
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import embodiments as known_embodiments
 from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.body_image import BodyImage
-from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
+from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.recordings import Drag, Noise, motions, read_recording
 from bodyimage_kin.study import specs
 from bodyimage_kin.study.cells import row_of
@@ -26,7 +26,17 @@ from bodyimage_kin.study.scoring import PROBES, built_probe, probe_name, resolve
 from bodyimage_kin.study.specs import ESTIMATOR, MOTION, PROBE, Table
 from bodyimage_kin.study.store import body_files, fingerprint
 
-__all__ = ["Reader", "first_maps_of", "map_settings_of", "named", "named_bodies", "probe_key", "row_name", "seeds_of"]
+__all__ = [
+    "Reader",
+    "first_maps_of",
+    "labels_of",
+    "map_settings_of",
+    "named",
+    "named_bodies",
+    "probe_key",
+    "row_name",
+    "seeds_of",
+]
 
 _TOUCH_DURATION = 80.0
 """Time of touching [s]; by then the motion's metric has settled to a few per cent. Maps take ten times as long."""
@@ -69,10 +79,9 @@ class Reader:
             return {}
         if isinstance(spec, Embodiment):
             backend = {"backend": spec.kinematics.name}
-            if spec.name in known_embodiments():
-                own = load_embodiment(spec.name)
-                if own.sha256 == spec.sha256:
-                    return {"embodiment": spec.name} | (backend if own.kinematics.name != spec.kinematics.name else {})
+            own = _ours(spec.name)
+            if own is not None and own.sha256 == spec.sha256:
+                return {"embodiment": spec.name} | (backend if own.kinematics.name != spec.kinematics.name else {})
             body_files(spec)
             self.given[spec.sha256] = spec
             return {"given": spec.sha256, **backend}
@@ -223,6 +232,13 @@ def map_settings_of(given: Any) -> Table:
     return {name: specs.written(f"maps: {name}", value) for name, value in given.items()}
 
 
+def labels_of(given: Any) -> dict[str, str]:
+    """Labels by name, known to be text."""
+    if not isinstance(given, Mapping | None):
+        refuse("labels", given, "a table, NAME -> label")
+    return {text("labels", name): text(f"labels.{name}", label) for name, label in (given or {}).items()}
+
+
 def named(what: str, given: Any, name: Callable[[Any], str] | None = None) -> dict[str, Any]:
     """Name -> spec, of a list by names of their own."""
     if isinstance(given, list | tuple) and name is not None and given:
@@ -270,3 +286,13 @@ def _is_path(given: Any) -> bool:
 
 def _is_hash(given: Any) -> bool:
     return isinstance(given, str) and re.fullmatch(r"[0-9a-f]{64}", given) is not None
+
+
+def _ours(name: str) -> Embodiment | None:
+    """The embodiment of that name that comes with the package; None where there is none, or its robot is not here."""
+    if name not in known_embodiments():
+        return None
+    try:
+        return load_embodiment(name)
+    except BodyImageKinError:
+        return None

@@ -128,7 +128,7 @@ def blocks(origin: Mapping[str, Any], store: Path) -> list[Block]:
     """
     config = origin["config"]
     seeds, size = tuple(config["seeds"]), int(config["block"])
-    apart = ("embodiments", "recordings", "estimators", "seeds", "block", "time_limit")
+    apart = ("embodiments", "recordings", "estimators", "seeds", "block", "time_limit", "labels")
     settings = {name: value for name, value in config.items() if name not in apart}
     return [
         Block(

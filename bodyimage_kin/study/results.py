@@ -108,14 +108,20 @@ def gather(place: Store, origin: Mapping[str, Any]) -> xr.Dataset:
     failure = np.full([len(names) for names in axes.values()], "", dtype=object)
     used = {json.dumps(versions())}
     left_out: dict[str, dict[str, list[str]]] = {}
+    alike: dict[str, Any] = {}
+
+    def slim(part: Part) -> Part:
+        """A part that shares what it says alike with others, so that of many cells only numbers are kept."""
+        return Part({}, part.arrays, {name: alike.setdefault(json.dumps(one), one) for name, one in part.notes.items()})
+
     for ones in by_recording(blocks(origin, place.folder)):
         rows = [name for name, row in config["estimators"].items() if ones[0].is_on(row)]
-        cells = cells_in(place.folder, ones, config["estimators"], lambda part: part, mend=place.mends)
+        cells = cells_in(place.folder, ones, config["estimators"], slim, mend=place.mends)
         for block in ones if rows else ():
             seeds = slice(block.first, block.first + len(block.seeds))
             at = axes["embodiment"].index(block.embodiment), axes["recording"].index(block.recording)
             if (part := place.facts(block)) is not None:
-                facts.add(part, (*at, seeds), keep=part.notes["kept"])
+                facts.add(slim(part), (*at, seeds), keep=part.notes["kept"])
             for name in rows:
                 here = (*at, axes["estimator"].index(name), seeds)
                 cell = cells.get((name, block.number))
@@ -153,7 +159,7 @@ class _Collected:
 
     def add(self, part: Part, place: tuple[Any, ...], keep: Collection[str] | None = None) -> None:
         """Takes a part's arrays, all or those that are kept."""
-        labels = {str(dim): list(map(str, values)) for dim, values in part.notes["labels"].items()}
+        labels: Mapping[str, list[str]] = part.notes["labels"]
         for dim, ones in labels.items():
             known = self.labels.setdefault(dim, [])
             known += [one for one in ones if one not in known]

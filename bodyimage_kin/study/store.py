@@ -223,8 +223,11 @@ def before_it_grew(stored: Mapping[str, Any], asked: Mapping[str, Any]) -> dict[
     A cell's random streams are its own, and its seeds learn together. So embodiments, recordings and estimators may be
     added, and seeds after blocks that are complete: no bit of a cell that is there already depends on them.
     """
-    config = dict(asked["config"])
     there = stored.get("config", {})
+    config = {**asked["config"], "labels": there.get("labels")}
+    if config["labels"] is None:
+        # Labels may change.
+        del config["labels"]
     found = dict(asked, config=config)
     for table, names in (
         *((config, name) for name in ("embodiments", "recordings", "estimators")),

@@ -66,6 +66,7 @@ class Study(Shown):
         first_maps: Initial weights of the maps that each recording is tried with; scores of maps are their means. Or
             seed -> number, 1 for all others.
         maps: Settings of :meth:`bodyimage_kin.BodyImage.learn`.
+        labels: What pages and figures call names of the study: name -> label. They decide nothing else, and may change.
         folder: Where relative paths begin, and where modules may lie.
     """
 
@@ -85,6 +86,7 @@ class Study(Shown):
     per_posture: bool = False
     first_maps: int | Mapping[Any, int] = 1
     maps: Mapping[str, Any] = field(default_factory=dict)
+    labels: Mapping[str, str] | None = None
     folder: Path = field(default=Path(), compare=False)
     _given: dict[str, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -101,6 +103,7 @@ class Study(Shown):
         flag("per_posture", self.per_posture)
         put("first_maps", asked.first_maps_of(self.first_maps))
         put("maps", asked.map_settings_of(self.maps))
+        put("labels", asked.labels_of(self.labels) or None)
         read = asked.Reader(self.folder, self.seeds, self.use, self._given)  # type: ignore[arg-type]
         put("use", None)
         put("scores", read.names("scores", self.scores, default_scores(self.per_posture)))

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from bodyimage_kin import calibration
+from bodyimage_kin._checks import whole
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import embodiments, load_embodiment
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
 from bodyimage_kin.estimators import Analytic, Estimator, LeastSquares, PaperMLP, RationalTrig
-from bodyimage_kin.recordings import motions, read_recording
+from bodyimage_kin.metrics.probes import Face, JointSpace, Probe
+from bodyimage_kin.recordings import experience, motions, read_recording
 from bodyimage_kin.recordings.simulation import simulate
 from bodyimage_kin.study import read_study
 from bodyimage_kin.study.cells import body_place, row_of
@@ -36,6 +39,7 @@ def open_scene(
     embodiment: str | None = None,
     learn_from: str | os.PathLike[str] | None = None,
     mesh_folder: str | os.PathLike[str] | None = None,
+    next_postures: int = 0,
 ) -> Scene:
     """The scene of a recording, of a study or of an embodiment.
 
@@ -48,17 +52,19 @@ def open_scene(
         embodiment: Name or TOML file of a recording's body; None: what the recording says.
         learn_from: Another recording that estimators learn from; None: the one that is looked at.
         mesh_folder: Where meshes may be read; None: beside the URDF.
+        next_postures: So many postures to go to next, to know the Jacobian on the skin (or everywhere), are shown as
+            ghosts; of a study none.
 
     Raises:
         InvalidConfig: Nothing of these, or a recording that does not say whose it is.
         BodyImageKinError: As reading does.
     """
-    place = Path(target)
+    place, count = Path(target), whole("next_postures", next_postures, least=0)
     seen = None if learn_from is None else read_recording(learn_from)
     if place.is_dir():
         return _study(place, mesh_folder)
     if str(target) in embodiments() or place.suffix == ".toml":
-        return _embodiment(load_embodiment(str(target)), mesh_folder)
+        return _embodiment(load_embodiment(str(target)), mesh_folder, count)
     if not place.is_file():
         raise InvalidConfig(
             f"'{target}' is no file, no study's folder and no embodiment ({', '.join(embodiments())}); name one"
@@ -68,7 +74,8 @@ def open_scene(
     if not named:
         raise InvalidConfig(f"'{place.name}' does not say whose recording it is; give --embodiment NAME or FILE.toml")
     body = load_embodiment(named)
-    return Scene(body, {place.stem: recording}, _estimators(body), seen, mesh_folder=mesh_folder)
+    ghosts = _next(body, recording if seen is None else seen, count)
+    return Scene(body, {place.stem: recording}, _estimators(body), seen, ghosts=ghosts, mesh_folder=mesh_folder)
 
 
 def _estimators(body: Embodiment) -> dict[str, Teacher]:
@@ -80,7 +87,14 @@ def _estimators(body: Embodiment) -> dict[str, Teacher]:
     }
 
 
-def _embodiment(body: Embodiment, mesh_folder: str | os.PathLike[str] | None) -> Scene:
+def _next(body: Embodiment, seen: xr.Dataset | None, count: int) -> np.ndarray | None:
+    if count == 0:
+        return None
+    probe: Probe = Face() if body.skin is not None else JointSpace()
+    return calibration.next_postures(body, None if seen is None else experience(seen), probe, count).q
+
+
+def _embodiment(body: Embodiment, mesh_folder: str | os.PathLike[str] | None, count: int) -> Scene:
     found: dict[str, xr.Dataset] = {}
     ways = {"circle": motions.Circle(), "touch": motions.RandomTouch(duration=_TOUCHING)}
     for name, motion in ways.items():
@@ -88,7 +102,9 @@ def _embodiment(body: Embodiment, mesh_folder: str | os.PathLike[str] | None) ->
             found[name] = simulate(body, motion, seed=0, dynamics=False)
         except BodyImageKinError:
             continue
-    return Scene(body, found, _estimators(body) if found else {}, found.get("circle"), mesh_folder=mesh_folder)
+    estimators = _estimators(body) if found else {}
+    seen = found.get("circle")
+    return Scene(body, found, estimators, seen, ghosts=_next(body, seen, count), mesh_folder=mesh_folder)
 
 
 def _study(folder: Path, mesh_folder: str | os.PathLike[str] | None) -> Scene:

@@ -127,6 +127,9 @@ class Scene(Shown):
                 raise InvalidConfig(f"scores['{name}'] has {len(values)} values; give one for each of {count} taxels")
         self.surfaces = self._surfaces()
         self._kinematics = kinematics(self.body.robot)
+        self._moved = [name for name in self.surfaces if self._is_moved(name)]
+        rest = [name for name in self.surfaces if name not in self._moved]
+        self._still = {name: self._kinematics.pose(self.body.home, name).numpy() for name in rest}
         self._kept: dict[tuple[str, str, int], _Kept] = {}
         self._learned: dict[tuple[str, str], HasDisplacement] = {}
         home = self.body.felt_home
@@ -219,8 +222,7 @@ class Scene(Shown):
 
     def ghost_links(self) -> list[dict[str, Float[np.ndarray, "4 4"]]]:
         """Where the felt links are in each of the postures that are shown as well."""
-        moved = [name for name in self.surfaces if any(j.name in self.body.joints for j in self.body.robot.path(name))]
-        return [{name: self._poses(q)[name] for name in moved} for q in self.q_ghosts]
+        return [{name: self._poses(q)[name] for name in self._moved} for q in self.q_ghosts]
 
     # Inner -----------------------------------------------------------------------------------------------------------
 
@@ -277,7 +279,14 @@ class Scene(Shown):
 
     def _poses(self, q: Float[np.ndarray, "p"]) -> dict[str, Float[np.ndarray, "4 4"]]:
         whole = self.body.full_posture(torch.from_numpy(np.array(q)))
-        return {name: self._kinematics.pose(whole, name).numpy() for name in self.surfaces}
+        return self._still | {name: self._kinematics.pose(whole, name).numpy() for name in self._moved}
+
+    def _is_moved(self, link: str) -> bool:
+        """Whether felt joints move a link, those that follow them included."""
+        robot = self.body.robot
+        return any(
+            joint.kind != "fixed" and robot.source_of(joint.name)[0] in self.body.joints for joint in robot.path(link)
+        )
 
     def _hand(self, felt: torch.Tensor, at: tuple[xr.Dataset, int, int] | None) -> Float[np.ndarray, "3"]:
         if at is not None and "true_hand_position" in at[0]:
@@ -399,15 +408,19 @@ class Scene(Shown):
         return one.assign(hand_image=(("trial", "time", "axis"), unseen, {"units": self.body.camera.model.unit}))
 
     def _grow(self, kept: _Kept, of: xr.Dataset, trial: int) -> None:
-        """Lets the tactile map learn from the estimate, where there are touches and a skin that is a grid."""
+        """Lets the tactile map learn from the estimate, where there are touches and a skin."""
         skin = self.body.skin
-        if skin is None or skin.shape is None or "touched" not in of or not (of["touched"].values[trial] >= 0).any():
+        if skin is None or "touched" not in of or not (of["touched"].values[trial] >= 0).any():
             return
         one = of.isel(trial=[trial])
         steps = np.unique(np.linspace(0, one.sizes["time"], _SNAPSHOTS).astype(int))
-        learned = BodyImage.learn(
-            experience(self._with_axes(one)), kept.estimate[None], skin=skin, snapshots=steps.tolist()
-        )
+        try:
+            learned = BodyImage.learn(
+                experience(self._with_axes(one)), kept.estimate[None], skin=skin, snapshots=steps.tolist()
+            )
+        except BodyImageKinError as problem:
+            kept.problem = f"no map: {problem}"
+            return
         kept.maps, kept.steps = learned.history["tactile_maps"], learned.history["steps"]
 
     def _recording(self, name: str) -> xr.Dataset:

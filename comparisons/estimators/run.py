@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 import bodyimage_kin as bk
@@ -48,6 +49,13 @@ PROBES = {
     "on_face": bk.probes.Face(),
     "joint_space": bk.probes.JointSpace(count=20_000),
 }
+FAMILIES = {
+    **dict.fromkeys(("least_squares", "ridge", "broyden", "recursive_least_squares", "kalman"), "constant matrices"),
+    **dict.fromkeys(("paper_mlp", "paper_mlp_500", "paper_mlp_tuned"), "the paper's network"),
+    **dict.fromkeys(("forward_network", "forward_ensemble"), "forward networks"),
+    **dict.fromkeys(("nearest_neighbours", "locally_weighted"), "local lines"),
+}
+"""Near copies, which are one finding."""
 CHAIN = ("relative_error_use", "touch_trajectory_rmse", "map_error")
 
 
@@ -90,9 +98,10 @@ def links(results: xr.Dataset) -> dict[str, Any]:
     ]
     found = {}
     for first, second in ((0, 1), (1, 2), (0, 2)):
-        one = chain(results, CHAIN[first], CHAIN[second], leave_out=out)
+        one = chain(results, CHAIN[first], CHAIN[second], leave_out=out, families=FAMILIES).squeeze("embodiment")
+        values = {str(name): float(value) for name, value in one.data_vars.items()}
         found[f"{CHAIN[first]} -> {CHAIN[second]}"] = {
-            str(name): round(float(value), 3) for name, value in one.squeeze("embodiment").data_vars.items()
+            name: round(value, 3) if np.isfinite(value) else None for name, value in values.items()
         }
     return found
 
@@ -104,6 +113,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=30, help="recordings of each condition")
     parser.add_argument("--publish", type=Path, default=HERE, help="folder of what is kept")
     arguments = parser.parse_args()
+    if not (HERE / "tuning.json").exists():
+        raise SystemExit("no settings yet: python comparisons/estimators/tune.py finds them")
     conditions = json.loads((HERE / "tuning.json").read_text(encoding="utf-8"))["conditions"]
     chains = {}
     for name, condition in conditions.items():

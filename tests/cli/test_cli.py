@@ -116,6 +116,24 @@ def test_fit_learns_and_saves(tmp_path):
     assert bool((learned.jacobian([0.0] * 5) == again.jacobian([0.0] * 5)).all())
 
 
+def test_a_body_is_proposed_written_and_drawn(tmp_path, capsys):
+    urdf = str(bk.load_embodiment("infant").robot.file)
+    asked = ["embodiment", "new", urdf, "--hand", "left_hand", "--camera", "right_eye", "-o", str(tmp_path / "my.toml")]
+    assert cli.main(asked) == 0
+    said = capsys.readouterr().out
+    assert "home: the hand 50 mm in front of the middle taxel" in said
+    assert "nothing to tell: fit for all" in said
+    assert bk.load_embodiment(tmp_path / "my.toml").name == "my"
+    assert (tmp_path / "my.png").read_bytes()[1:4] == b"PNG"
+    assert cli.main(asked) == 2
+    assert "is there already" in capsys.readouterr().err
+    foot = [*asked[:4], "left_foot", *asked[5:-1], str(tmp_path / "foot.toml")]
+    assert cli.main(foot) == 2
+    told = capsys.readouterr()
+    assert "gets no nearer than" in told.err
+    assert "eye" in told.out
+
+
 def test_a_robot_from_outside_the_files_folder_is_told(tmp_path, capsys):
     inner = tmp_path / "inner"
     inner.mkdir()

@@ -115,6 +115,23 @@ def test_import_reads_its_settings_from_a_file_and_is_told_better(table):
     assert bk.read_recording("lab.nc").identical(expected(table))
 
 
+def test_import_puts_samples_on_a_clock(table):
+    arguments = ["import", str(table), *COLUMNS, *REST, "--sampling", "0.05", "--out", "lab.nc"]
+    assert cli.main(arguments) == 0
+    found = bk.read_recording("lab.nc")
+    assert found.attrs["sampling"] == 0.05
+    assert found.sizes["time"] == 9
+
+
+def test_import_reads_bags(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("rosbags", reason="bags need the extra [bags]")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run.mcap").write_bytes(b"no bag")
+    topics = ["--columns", "q=/joint_states", "hand_position=/tf[marker_7]", "--join-within", "0.2"]
+    assert cli.main(["import", "run.mcap", *topics, "--out", "lab.nc"]) == 2
+    assert "'run.mcap' is no bag that can be read" in capsys.readouterr().err
+
+
 def test_import_checks_joints_and_unit_by_a_robot_or_a_body(tmp_path, monkeypatch, capsys, body):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(0)

@@ -208,3 +208,15 @@ def test_bad_inputs_are_named():
     for projector in (2 * np.eye(5), np.eye(4), np.full((5, 5), np.nan)):
         with pytest.raises(InvalidArray, match="excited"):
             metrics.attribute(TRUE, ESTIMATED, "identity", projector)
+
+
+@pytest.mark.parametrize("size", [5e-324, 1e-310, 1.0, 1e308])
+@pytest.mark.parametrize("other", [5e-324, 1e-310, 1.0, 1e308])
+@pytest.mark.parametrize("weight", [None, 1e-320, 1e300])
+def test_no_scale_however_tiny_or_huge_raises(size, other, weight):
+    rng = np.random.default_rng(0)
+    J, Jh = rng.uniform(-1, 1, (2, 4, 2, 3))
+    metric = "identity" if weight is None else weight * np.eye(3)
+    for estimated in (other * Jh, size * J, -size * J):
+        found = metrics.attribute(size * J, estimated, metric)
+        assert all(part >= 0 or np.isnan(part) for part in parts(found))

@@ -74,26 +74,26 @@ def test_span_weighted_by_hand():
 
 @pytest.mark.parametrize("angle", [0.0, 0.5, -2.5])
 def test_procrustes_finds_a_similarity(angle):
-    fit = metrics.procrustes(TRUE, 0.7 * rotated(TRUE, angle) + [3, -1])
+    fit = metrics.procrustes(0.7 * rotated(TRUE, angle) + [3, -1], TRUE)
     assert fit.disparity == pytest.approx(0, abs=1e-12)
     assert fit.scale == pytest.approx(0.7)
     np.testing.assert_allclose(fit.rotation, rotated(np.eye(2), angle).T, atol=1e-12)
 
 
 def test_procrustes_does_not_reflect():
-    fit = metrics.procrustes(TRUE, MIRRORED)
+    fit = metrics.procrustes(MIRRORED, TRUE)
     assert fit.disparity == pytest.approx(1)
     assert fit.scale == pytest.approx(0, abs=1e-12)
-    assert metrics.procrustes([[0.0], [1.0]], [[0.0], [-1.0]]).disparity == 1
+    assert metrics.procrustes([[0.0], [-1.0]], [[0.0], [1.0]]).disparity == 1
 
 
 def test_procrustes_by_hand():
     # A stretched cross: A rows (+-1, 0), (0, +-1); B the same with y halved. B'A = diag(2, 1), |A|^2 = 4, |B|^2 = 2.5.
     A = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    fit = metrics.procrustes(A, A * [1, 0.5])
+    fit = metrics.procrustes(A * [1, 0.5], A)
     assert fit.scale == pytest.approx(3 / 4)
     assert fit.disparity == pytest.approx(1 - 9 / 10)
-    mirrored = metrics.procrustes(A, A * [1, -0.5])
+    mirrored = metrics.procrustes(A * [1, -0.5], A)
     assert mirrored.scale == pytest.approx(1 / 4)
     assert mirrored.disparity == pytest.approx(1 - 1 / 10)
     np.testing.assert_allclose(mirrored.rotation, np.eye(2), atol=1e-12)
@@ -102,7 +102,7 @@ def test_procrustes_by_hand():
 def test_procrustes_is_the_least_squares_fit():
     rng = np.random.default_rng(1)
     A, B, weights = rng.normal(size=(30, 3)), rng.normal(size=(30, 3)), rng.integers(1, 5, size=30)
-    fit = metrics.procrustes(A, B, weights)
+    fit = metrics.procrustes(B, A, weights)
     assert np.linalg.det(fit.rotation) == pytest.approx(1)
     A, B = (a - np.average(a, axis=0, weights=weights) for a in (A, B))
     left = np.average(((B - fit.scale * A @ fit.rotation.T) ** 2).sum(-1), weights=weights)
@@ -110,11 +110,11 @@ def test_procrustes_is_the_least_squares_fit():
 
 
 def test_undefined_is_nan():
-    collapsed = metrics.procrustes(TRUE, 0 * TRUE + 0.1)
+    collapsed = metrics.procrustes(0 * TRUE + 0.1, TRUE)
     assert np.isnan(collapsed.disparity)
     assert collapsed.scale == 0
-    assert np.isnan(metrics.procrustes(0 * TRUE, TRUE).scale)
-    assert np.isnan(metrics.procrustes(TRUE, TRUE * np.nan).disparity)
+    assert np.isnan(metrics.procrustes(TRUE, 0 * TRUE).scale)
+    assert np.isnan(metrics.procrustes(TRUE * np.nan, TRUE).disparity)
     assert np.isnan(metrics.span(TRUE, 0 * TRUE)).all()
     assert np.isnan(metrics.span(TRUE, TRUE, np.zeros((21, 21), bool))).all()
 
@@ -216,7 +216,7 @@ def test_permuted_labels_return_to_chance():
     # A little below 320: places of one line tie, and a tie is in order.
     assert np.mean([metrics.topological_error(places) for places in found]) == pytest.approx(312, abs=8)
     assert np.abs(np.mean([metrics.span(places, TRUE) for places in found])) < 0.02
-    assert np.mean([metrics.procrustes(TRUE, places).disparity for places in found]) > 0.98
+    assert np.mean([metrics.procrustes(places, TRUE).disparity for places in found]) > 0.98
     np.testing.assert_array_equal(metrics.permuted(TRUE, 3), found[3])
 
 

@@ -207,7 +207,8 @@ def test_who_knows_the_error_has_r2_one_and_slope_one_in_whatever_unit():
     for name in ("power", "itself"):
         one = found[name]
         assert [one.r2.estimate, one.slope.estimate, one.r2_log, one.r2_recordings] == pytest.approx([1.0] * 4)
-        assert one.r2.lower == pytest.approx(1.0)
+        # Eight conditions have a value and no interval.
+        assert np.isnan(one.r2.lower)
     assert found["itself"].raw_r2 == 1.0
     assert np.isnan(found["power"].raw_r2)
 
@@ -220,16 +221,20 @@ def test_who_knows_nothing_has_no_r2():
     assert r2[0]["mean_of_others"].r2.estimate < 0.0
 
 
-def test_the_interval_is_of_recordings():
+def test_the_interval_is_of_conditions_and_more_recordings_make_it_no_narrower():
     rng = np.random.default_rng(3)
-    true = np.linspace(0.3, 0.8, 8)[:, None]
-    measured, predicted = (true * np.exp(0.1 * rng.normal(size=(8, 10))) for _ in "ab")
-    one = fk.evaluate(measured, {"one": predicted})["one"]
-    assert 0.5 < one.r2.lower < one.r2.estimate + 0.02 < one.r2.upper + 0.04 <= 1.04
-    assert one.r2.units == 10
-    assert one.r2_recordings < one.r2.estimate
-    few = fk.evaluate(measured[:, :2], {"one": predicted[:, :2]})["one"].r2
-    assert np.isnan(few.lower)
+    true = np.linspace(0.3, 0.8, 20)[:, None]
+    # What is foretold is off by its own factor in each condition.
+    foretold = true * np.exp(0.2 * rng.normal(size=(20, 1)))
+    measured, predicted = (one * np.exp(0.05 * rng.normal(size=(20, 40))) for one in (true, foretold))
+    many, few = (fk.evaluate(measured[:, :n], {"one": predicted[:, :n]})["one"] for n in (40, 4))
+    assert many.r2.lower < many.r2.estimate < many.r2.upper
+    assert (many.r2.units, many.r2.unit) == (20, "conditions")
+    widths = [one.r2.upper - one.r2.lower for one in (many, few)]
+    assert widths[0] > 0.1
+    assert widths[0] == pytest.approx(widths[1], rel=0.4)
+    assert few.r2_recordings < few.r2.estimate
+    assert np.isnan(fk.evaluate(measured[:19], {"one": predicted[:19]})["one"].r2.lower)
 
 
 def test_a_combination_weighs_what_helps():

@@ -53,6 +53,7 @@ WRONG = {
         *({"first_maps": bad} for bad in (0, 1.0, "2", True, {"a": 0}, {"0": 1.5}, [1])),
         *({"maps": bad} for bad in (3, {"gama": 1.0}, {"seed": 1}, [1])),
         *({"metric_of": bad} for bad in (3, "guessed")),
+        *({"labels": bad} for bad in (3, ["a"], {"a": 1}, {"a": ""}, {"": "a"})),
         {"nonsense": 1},
         {"metrics": ["relative_error"]},
         {"a" * 10**5: 1},

@@ -252,6 +252,41 @@ def test_a_full_disk_is_one_line_and_what_is_there_is_whole(done, tmp_path, monk
         same(small().run(tmp_path, "in-process"), done[1])
 
 
+def test_labels_change_what_names_are_called_and_nothing_else(done, copy, tmp_path):
+    study, results, _ = done
+    begun = []
+    found = replace(study, labels={"flat": "One matrix & no more"}).run(
+        copy, "in-process", progress=lambda done, total: begun.append(total)
+    )
+    assert max(begun) == 0
+    same(found.drop_attrs(), results.drop_attrs())
+    assert json.loads(read_study(copy).attrs["config"])["labels"] == {"flat": "One matrix & no more"}
+    assert "One matrix &amp; no more" in bk.report.write(found, tmp_path / "page.html").read_text()
+    study.run(copy, "in-process")
+    assert "labels" not in json.loads(read_study(copy).attrs["config"])
+
+
+LIMITED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+from bodyimage_kin.cli import main
+sys.exit(main(["study", {file!r}, "--out", {out!r}, "--workers", "1"]))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files are limited as on a full disk, which Windows cannot")
+def test_workers_that_cannot_write_end_the_command_in_one_line(done, tmp_path):
+    done[0].to_toml(tmp_path / "study.toml")
+    script = LIMITED.format(file=str(tmp_path / "study.toml"), out=str(tmp_path / "out"))
+    found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert found.returncode == 2, found.stderr
+    assert found.stderr.splitlines()[-1].startswith("bodyimage-kin: cannot write '")
+    assert found.stderr.endswith("File too large; what is finished is kept, run the study again\n")
+    assert "Traceback" not in found.stderr
+    assert not list((tmp_path / "out").rglob("*.tmp"))
+    same(done[0].run(tmp_path / "out", "in-process"), done[1])
+
+
 def test_what_a_killed_writer_leaves_is_swept_by_the_next_run(done, copy):
     old, new = (copy / f"cells/infant/still/.flat.block{number}.parts.tmp" for number in (0, 1))
     for path in (old, new):

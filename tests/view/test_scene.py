@@ -103,6 +103,18 @@ def test_the_skin_is_coloured_by_touches_so_far_or_by_a_score(scene, touch):
     np.testing.assert_allclose(scored, np.arange(441) / 440)
 
 
+def test_postures_to_go_to_stand_beside_the_robot(body):
+    q = body.touch_postures([0, 440]).numpy()
+    ghosts = view.Scene(body, ghosts=q).ghost_links()
+    kin = bk.kinematics(body.robot, "pinocchio")
+    assert len(ghosts) == 2
+    for posture, links in zip(q, ghosts, strict=True):
+        assert "left_hand" in links
+        assert "head" not in links
+        for name, pose in links.items():
+            np.testing.assert_allclose(pose, kin.pose(body.full_posture(posture), name).numpy(), atol=1e-12)
+
+
 def test_a_posture_is_shown_without_any_recording(body):
     scene = view.Scene(body)
     moment = scene.posture(body.felt_home)
@@ -180,3 +192,45 @@ def test_a_step_of_the_slider_takes_no_longer_than_a_frame(scene):
         scene.moment("touch", int(index), "rational_trig")
         took.append(time.process_time() - begin)
     assert np.median(took) <= 0.033
+
+
+def nao_torso(folder):
+    """The places of the torso's taxels in the torso [m], by their numbers: row, triangle and patch added up."""
+    table = np.loadtxt(folder / "Transformations" / "torso.txt")
+    triangles = [*range(6), *range(8, 16), *range(16, 19), *range(24, 32)]
+    places, ids = [], []
+    for row, triangle in enumerate(triangles):
+        numbers = [12 * triangle + within for within in range(12) if within not in (6, 10)]
+        first = 3 + len(triangles) + 10 * row
+        places.append(table[first : first + 10] + table[3 + row] + table[1 if triangle < 16 else 2] + table[0])
+        ids += numbers
+    return np.concatenate(places), np.array(ids)
+
+
+@pytest.mark.real_data
+@pytest.mark.filterwarnings("ignore::bodyimage_kin.errors.DataWarning")
+def test_the_touches_of_a_real_robot_are_gone_through(real_data, tmp_path):
+    robot = bk.Robot.from_urdf(real_data / "nao" / "nao.urdf")
+    arm = ("RShoulderPitch", "RShoulderRoll", "RElbowYaw", "RElbowRoll", "RWristYaw")
+    columns = {"q": {name: f"angles.{name}" for name in arm}, "touched": "activatedTaxels"}
+    touches = bk.read_recording(real_data / "nao" / "torso_rightFinger.mat", columns, robot=robot, order="scattered")
+    places, ids = nao_torso(real_data / "nao")
+    places += np.array([0.0646, 0.0006, 0.0468])
+    skin = bk.Skin.points(places, link="torso", forward=[1, 0, 0], right=[0, -1, 0])
+    camera = bk.Camera("CameraTop_optical_frame", np.eye(4), bk.Pinhole(560.0, 560.0, 320.0, 240.0, size=(640, 480)))
+    body = bk.Embodiment.build(robot, joints=arm, hand=bk.Hand("r_wrist", (0.06, 0, 0)), camera=camera, skin=skin)
+    # The makers' numbers become those of the skin.
+    number = np.full(384, -1)
+    number[ids] = np.arange(len(ids))
+    touched = touches["touched"].values
+    touches["touched"].values = np.where(touched >= 0, number[touched], -1)
+    scene = view.Scene(body, {"torso": touches}, {"analytic": bk.estimators.Analytic(body)})
+    stops = scene.stops("torso")
+    assert len(stops) > 1000
+    moments = [scene.moment("torso", int(index), "analytic") for index in stops[::100]]
+    assert all(moment.touched for moment in moments)
+    assert np.isfinite([moment.hand for moment in moments]).all()
+    gone = [int(np.isfinite(moment.values).sum()) for moment in moments]
+    assert gone == sorted(gone)
+    assert gone[-1] > 50
+    assert moments[-1].map.shape == (skin.count, 3)

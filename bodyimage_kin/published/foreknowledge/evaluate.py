@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
-from bodyimage_kin.study.statistics import Interval
+from bodyimage_kin.study.statistics import NEEDED, Interval
 
 __all__ = [
     "Combination",
@@ -62,7 +62,7 @@ class Score:
     """What a predictor is worth for one estimator; NaN unless it spoke of every condition that was measured.
 
     Attributes:
-        r2: R2 of the conditions' mean errors, out of sample, and its interval over recordings.
+        r2: R2 of the conditions' mean errors, out of sample, and its interval over conditions.
         r2_log: The same of the logarithms.
         r2_recordings: The same of single recordings.
         slope: Calibration slope: of the regression of measured on out-of-sample predicted means of conditions. 1 is
@@ -182,8 +182,9 @@ def evaluate(
         combinations: Name -> combination of them.
         absolute: Names of predictors that foretell the error itself.
         groups: As in :func:`leave_one_condition_out`.
-        resamples: Bootstrap samples of the recordings (of seeds, all conditions together), each calibrated anew; the
-            interval is of their percentiles, NaN with fewer than three recordings.
+        resamples: Bootstrap samples of the conditions, each calibrated anew and copies of one left out together; the
+            interval is of their percentiles, NaN with too few conditions to publish one
+            (:data:`bodyimage_kin.study.statistics.NEEDED`): more recordings of the same conditions make no R2 surer.
         seed: Of the resampling.
 
     Returns:
@@ -205,7 +206,8 @@ def evaluate(
         for name in recipe.of:
             if name not in features:
                 raise UnknownName("predictor", name, features)
-    drawn = np.random.default_rng(seed).integers(y.shape[1], size=(resamples if y.shape[1] > 2 else 0, y.shape[1]))
+    enough = len(y) >= NEEDED["conditions"]
+    drawn = np.random.default_rng(seed).integers(len(y), size=(resamples if enough else 0, len(y)))
     found = {}
     for name, recipe in recipes.items():
         x = np.stack([features[one] for one in recipe.of])
@@ -279,13 +281,14 @@ def _score(
 ) -> Score:
     predicted = leave_one_condition_out(y, x, penalty, groups)
     means = _means(y, predicted)
-    again = [_of_means(y[:, columns], x[:, :, columns], penalty, groups) for columns in drawn]
+    labels = np.unique(np.arange(len(y)) if groups is None else np.asarray(groups), return_inverse=True)[1]
+    again = [_of_means(y[units], x[:, units], penalty, labels[units]) for units in drawn if len(np.unique(units)) > 2]
     nothing = (float("nan"), float("nan"))
     return Score(
-        r2=_interval(r2(*means), [one[0] for one in again], y.shape[1]),
+        r2=_interval(r2(*means), [one[0] for one in again], len(y)),
         r2_log=r2(*map(np.log, means)),
         r2_recordings=float("nan") if _silent(y, predicted) else r2(y, predicted),
-        slope=_interval(slope(*means), [one[1] for one in again], y.shape[1]),
+        slope=_interval(slope(*means), [one[1] for one in again], len(y)),
         **dict(zip(("raw_r2", "raw_slope"), nothing if raw is None else _both(*_means(y, raw)), strict=True)),
         predicted=predicted,
     )
@@ -306,9 +309,9 @@ def _means(y: np.ndarray, x: np.ndarray) -> tuple[Float[np.ndarray, "conditions"
     return np.where(there, y, 0.0).sum(1) / count, np.where(there, x, 0.0).sum(1) / count
 
 
-def _interval(estimate: float, again: list[float], recordings: int) -> Interval:
+def _interval(estimate: float, again: list[float], conditions: int) -> Interval:
     finite = np.array([value for value in again if np.isfinite(value)])
     if len(finite) == 0:
-        return Interval(estimate, float("nan"), float("nan"), recordings)
+        return Interval(estimate, float("nan"), float("nan"), conditions, "conditions")
     lower, upper = np.quantile(finite, [(1 - _LEVEL) / 2, (1 + _LEVEL) / 2])
-    return Interval(estimate, float(lower), float(upper), recordings)
+    return Interval(estimate, float(lower), float(upper), conditions, "conditions")

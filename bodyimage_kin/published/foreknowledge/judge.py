@@ -20,7 +20,7 @@ from bodyimage_kin.published.foreknowledge.grid import CONDITIONS, ESTIMATORS, C
 from bodyimage_kin.published.foreknowledge.scores import PREDICTORS, predictors
 from bodyimage_kin.recordings import Noise
 from bodyimage_kin.study import failures, markdown_table
-from bodyimage_kin.study.statistics import Interval
+from bodyimage_kin.study.statistics import NEEDED, Interval
 
 __all__ = [
     "COMBINATIONS",
@@ -142,12 +142,18 @@ def label(name: str) -> str:
 def markdown(found: Mapping[str, Any]) -> str:
     """A summary as a page: what each predictor assumes, and for each estimator what it is worth."""
     seeds, conditions = found["seeds"], found["conditions"]
+    enough = len(conditions) >= NEEDED["conditions"]
+    brackets = (
+        " In brackets 95 % over conditions, drawn and calibrated anew."
+        if enough
+        else f" Fewer than {NEEDED['conditions']} conditions, which are what varies here: values, and no interval."
+    )
     lines = [
         "# Foreknowledge",
         "",
         f"{len(conditions)} conditions, {seeds} recordings of each. R2 and slope are out of sample: each condition is "
-        "predicted by a calibration on the others (family out: on those that differ in more than distance). In "
-        "brackets 95 % over recordings. The error is that on the face, or where said over the touch motion. Who is "
+        "predicted by a calibration on the others (family out: on those that differ in more than distance)."
+        f"{brackets} The error is that on the face, or where said over the touch motion. Who is "
         "silent on a whole condition has no score.",
         "",
         markdown_table(

@@ -1,0 +1,108 @@
+"""A body that is proposed does what the paper's experiment needs; what cannot be proposed is said in words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+import bodyimage_kin as bk
+from bodyimage_kin.body.collisions import Hulls
+from bodyimage_kin.body.proposal import propose
+from bodyimage_kin.errors import BodyImageKinError
+
+ARM = """
+<robot name="two">
+  <link name="base"/>
+  <link name="head"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <link name="upper"><collision><origin xyz="0.1 0 0"/><geometry><box size="0.16 0.02 0.02"/></geometry></collision>
+  </link>
+  <link name="lower"><collision><origin xyz="0.1 0 0"/><geometry><box size="0.16 0.02 0.02"/></geometry></collision>
+  </link>
+  <joint name="neck" type="fixed"><parent link="base"/><child link="head"/><origin xyz="0 {y} 0.3"/></joint>
+  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="b" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.2 0 0"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture(scope="module")
+def proposal():
+    return propose(bk.load_embodiment("infant").robot, "left_hand", camera="right_eye")
+
+
+def test_the_hand_of_a_proposed_body_is_seen_in_front_of_the_face_and_never_on_it(proposal):
+    body = proposal.body
+    assert proposal.works
+    assert body.joints == bk.load_embodiment("infant").joints
+    taxels = np.arange(body.skin.count)
+    assert body.skin.shape == (21, 21)
+    touching = body.touch_postures(taxels)
+    assert not bool(body.visible(touching).any())
+    assert bool(body.visible(body.felt_home))
+    recording = bk.simulate(body, bk.motions.Circle(turns=1.0), dynamics=False)
+    assert np.isfinite(recording.hand_image.values).all()
+    tour = bk.simulate(body, bk.motions.FaceTour(), dynamics=False)
+    assert set(np.unique(tour.touched)) - {-1} > {body.skin.landmarks["nose"]}
+
+
+def test_home_is_clear_of_the_body_and_in_front_of_the_middle(proposal):
+    body = proposal.body
+    assert Hulls(body.robot).collisions(body.home, body.joints) == ()
+    ahead = body.hand_in_skin(body.felt_home).numpy() - body.touch_centres([body.skin.middle])[0].numpy()
+    np.testing.assert_allclose(ahead, 0.05 * body.skin.forward, atol=2e-3)  # joints are rounded to a milliradian
+
+
+def test_a_proposal_says_why_and_is_written_and_read_back(proposal, tmp_path):
+    told = " ".join(proposal.remarks)
+    for part in ("eye:", "skin:", "joints:", "forward:", "hand:", "home:"):
+        assert part in told
+    assert bk.load_embodiment(proposal.body.save(tmp_path / "my.toml")) == proposal.body
+
+
+def test_links_that_run_into_each_other_are_told_and_neighbours_never(proposal):
+    body = proposal.body
+    hulls = Hulls(body.robot)
+    inside = body.touch_postures([body.skin.middle], 0.0)[0]
+    into_the_head, reached = body.reach(body.touch_centres([body.skin.middle], -0.04))
+    assert bool(reached.all())
+    hit = hulls.collisions(body.full_posture(into_the_head[0]), body.joints)
+    assert any({"head", "left_hand"} == set(pair) for pair in hit)
+    assert not any("left_upper_arm" in pair and "left_forearm" in pair for pair in hit)
+    assert not any({"head", "left_hand"} == set(pair) for pair in hulls.collisions(body.home, body.joints))
+    assert inside.shape == (body.p,)
+
+
+@pytest.mark.parametrize(
+    ("hand", "settings", "said"),
+    [
+        ("hand", {}, "hand"),
+        ("left_hand", {"camera": "eye"}, "eye"),
+        ("head", {}, "no joint moves link 'head'"),
+        ("left_hand", {"forward": (0, 0, 1)}, "not vertical"),
+        ("left_foot", {}, "gets no nearer than"),
+    ],
+)
+def test_what_cannot_be_proposed_is_said(hand, settings, said):
+    with pytest.raises(BodyImageKinError, match=said):
+        propose(bk.load_embodiment("infant").robot, hand, **settings)
+
+
+def test_a_robot_whose_hand_stays_in_a_plane_below_the_face_is_told_how_far_it_gets():
+    robot = bk.Robot.from_urdf(ARM.format(y=0))
+    with pytest.raises(BodyImageKinError, match=r"gets no nearer than 3.. mm") as told:
+        propose(robot, "lower")
+    assert any("eye: on link 'head'" in note for note in told.value.__notes__)
+
+
+def test_a_robot_without_eye_names_its_links():
+    robot = bk.Robot.from_urdf(ARM.format(y=0).replace("head", "ball"))
+    with pytest.raises(BodyImageKinError, match=r"named after an eye.*base, ball, upper"):
+        propose(robot, "lower")
+
+
+def test_where_the_robot_looks_is_where_its_hand_moves(proposal):
+    assert any("forward: x of the root" in one for one in proposal.remarks)
+    torch.testing.assert_close(torch.from_numpy(proposal.body.skin.forward), torch.tensor([1.0, 0, 0]).double())
