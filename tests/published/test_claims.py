@@ -65,10 +65,11 @@ def test_a_claim_about_recordings_alone_is_put_to_no_null():
     assert (one["met"], one["passed_by"], one["holds"]) == (True, [], True)
 
 
+ERRORS = {"noisy_500": 0.2, "noisy_200": 0.4, "noise_free_500": 0.1, "noise_free_200": 0.05}
+
+
 class Known(Conditions):
     """Results in which each score of each condition is a number of its own."""
-
-    ERRORS = {"noisy_500": 0.2, "noisy_200": 0.4, "noise_free_500": 0.1, "noise_free_200": 0.05}
 
     def __init__(self):
         super().__init__(xr.Dataset({"steps": ("snapshot", [0, 1])}, {"seed": range(10)}))
@@ -77,7 +78,7 @@ class Known(Conditions):
         ours = estimator == NETWORK
         told = {
             "velocity_correlation": [0.95, 0.7] if condition == "noisy_500" else [0.6, 0.99],
-            "displacement_error": self.ERRORS[condition] * (1.0 if ours else 4.0),
+            "displacement_error": ERRORS[condition] * (1.0 if ours else 4.0),
             # Of each first map, before and after; the last one was never learned.
             "topological_errors": [[200.0, 10.0], [100.0, 30.0], [np.nan, np.nan]],
             "spans": [[9.0, 9.0], [0.9, 0.6] if ours else [1.0, 0.5]],
