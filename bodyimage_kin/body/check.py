@@ -11,15 +11,17 @@ from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from bodyimage_kin import _checks
 from bodyimage_kin.body.cameras import Camera, Tracker
 from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.body.skin import Skin
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, ManyMistakes
 from bodyimage_kin.robot.geometry import Mesh
 from bodyimage_kin.robot.meshes import mesh_path
+from bodyimage_kin.robot.nearest import nearest_on_shapes
 
 __all__ = ["Finding", "check_embodiment", "refuse_errors"]
 
@@ -32,12 +34,13 @@ class Finding:
 
     Attributes:
         level: ``"error"``: what it is about cannot work. ``"note"``: it works, and something will be missed.
-        about: ``"joints"``, ``"eye"``, ``"circle"``, ``"touch"``, ``"dynamics"``, ``"meshes"`` or ``"robot"``.
+        about: ``"joints"``, ``"eye"``, ``"circle"``, ``"touch"``, ``"skin"``, ``"dynamics"``, ``"meshes"`` or
+            ``"robot"``.
         text: What it is, and what to do.
     """
 
     level: Literal["error", "note"]
-    about: Literal["joints", "eye", "circle", "touch", "dynamics", "meshes", "robot"]
+    about: Literal["joints", "eye", "circle", "touch", "skin", "dynamics", "meshes", "robot"]
     text: str
 
     def __str__(self) -> str:
@@ -80,6 +83,7 @@ def check_embodiment(
         *_eye(body),
         *_circle(body, _checks.flag("paper", paper), radius, distance),
         *_touch(body, paper),
+        *_skin(body),
         *_dynamics(body),
         *_meshes(body, mesh_folder),
         *_robot(body, file),
@@ -205,6 +209,38 @@ def _touch(body: Embodiment, paper: bool) -> Iterator[Finding]:
         )
 
 
+def _skin(body: Embodiment) -> Iterator[Finding]:
+    """What is odd of the skin itself: what was mended, pieces of its graph, normals that point inward."""
+    skin = body.skin
+    if skin is None:
+        return
+    for note in skin.notes:
+        yield Finding("note", "skin", note)
+    if skin.shape is None and skin.layout is not None and skin.pieces > 1:
+        yield Finding("note", "skin", f"its graph is in {skin.pieces} pieces, between which distances are straight")
+    inward = _inward(skin)
+    if len(inward):
+        named = ", ".join(map(str, inward[:5])) + (" ..." if len(inward) > 5 else "")
+        yield Finding(
+            "error" if len(inward) == skin.count else "note",
+            "skin",
+            f"the normals of {len(inward)} of {skin.count} taxels point inward (first {named}): the hand touches these "
+            "from inside; turn them round, or give 'inside', a point of the link, for normals that are computed",
+        )
+
+
+def _inward(skin: Skin) -> Int[np.ndarray, "taxels"]:
+    """Taxels whose normals point into the link where it has a surface, else against those of their neighbours."""
+    normals = skin.link_normals
+    if skin.surface:
+        _, outward, _ = nearest_on_shapes(skin.surface, skin.link_positions)
+        return np.flatnonzero((outward * normals).sum(1) < 0.0)
+    around = np.zeros_like(normals)
+    for one, other in (skin.neighbours.T, skin.neighbours.T[::-1]):
+        np.add.at(around, one, normals[other])
+    return np.flatnonzero((around * normals).sum(1) < 0.0)
+
+
 def _dynamics(body: Embodiment) -> Iterator[Finding]:
     """Whether the arm can be dragged."""
     follower = next((joint.name for joint in body.felt_robot.tree.joints if joint.mimic is not None), None)
@@ -221,6 +257,9 @@ def _dynamics(body: Embodiment) -> Iterator[Finding]:
         if carried
         else "",
         "" if heavy else "no link that the felt joints move has a mass",
+        f"link '{body.front_link}' has no shape to be dragged on"
+        if body.skin is not None and not body.skin.surface
+        else "",
     ]
     if any(why):
         said = ", ".join(filter(None, why))

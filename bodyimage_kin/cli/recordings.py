@@ -71,6 +71,8 @@ class Simulate(Command):
     """Standard deviation of what is felt of a joint [rad or m]."""
     image: _Deviation = 0.0
     """Standard deviation of each coordinate of the hand image [its unit]."""
+    blind_touch: Flag = False
+    """Images of the hand while it touches count as unseen, whatever the eye sees then."""
     overwrite: Flag = False
     """Replace a file that is there."""
     json: Flag = False
@@ -87,7 +89,9 @@ class Simulate(Command):
         motion = MOTION.build({self.motion: settings})
         noise = Noise(torque=self.torque, encoder=self.encoder, image=self.image)
         body = load_embodiment(self.embodiment)
-        recording = simulate(body, motion, self.seed, self.trials, not self.kinematic, noise)
+        recording = simulate(
+            body, motion, self.seed, self.trials, not self.kinematic, noise, touch_seen=not self.blind_touch
+        )
         write_recording(recording, self.out)
         _say(recording, self.out, self.json)
         return 0

@@ -46,6 +46,8 @@ def simulate(
     trials: int = 1,
     dynamics: bool | Drag = True,
     noise: Noise | None = None,
+    *,
+    touch_seen: bool = True,
 ) -> xr.Dataset:
     """Records what a body feels while its hand moves, beside the truth.
 
@@ -57,6 +59,8 @@ def simulate(
         dynamics: A force drags the hand and the arm follows passively, on request with settings of the drag; False:
             kinematic motion with the least joint displacement.
         noise: What disturbs the arm and what it feels; None: nothing.
+        touch_seen: Whether images of the hand while it touches count as seen, where the eye sees it then: one that
+            stands in the world does, the paper's does not.
 
     Returns:
         A recording; the module :mod:`bodyimage_kin.recordings.schema` says what is in it.
@@ -69,7 +73,7 @@ def simulate(
         Unreachable: The hand cannot follow within the joint limits.
         UnknownName: A landmark that the skin does not have.
     """
-    return simulate_many(body, motion, [seed], trials, dynamics, noise)[0]
+    return simulate_many(body, motion, [seed], trials, dynamics, noise, touch_seen=touch_seen)[0]
 
 
 def simulate_many(
@@ -80,6 +84,8 @@ def simulate_many(
     dynamics: bool | Drag = True,
     noise: Noise | None = None,
     threads: int | None = None,
+    *,
+    touch_seen: bool = True,
 ) -> list[xr.Dataset]:
     """Several recordings of one motion, simulated together: the same, bit by bit, as one at a time.
 
@@ -91,6 +97,7 @@ def simulate_many(
         dynamics: As of :func:`simulate`.
         noise: As of :func:`simulate`.
         threads: With dynamics, at most this many; None: as many as there are processors. No bit depends on it.
+        touch_seen: As of :func:`simulate`.
 
     Returns:
         One recording for each seed.
@@ -98,7 +105,7 @@ def simulate_many(
     Raises:
         InvalidConfig: Less than one thread; and as :func:`simulate`.
     """
-    asked = _Asked.of(body, motion, trials, dynamics, noise)
+    asked = _Asked.of(body, motion, trials, dynamics, noise, touch_seen)
     if threads is not None:
         _checks.whole("threads", threads, least=1)
     seeds = [_checks.whole("seed", seed, least=0) for seed in seeds]
@@ -121,9 +128,18 @@ class _Asked:
     trials: int
     drag: Drag | None
     noise: Noise
+    touch_seen: bool
 
     @classmethod
-    def of(cls, body: Embodiment, motion: Motion, trials: int, dynamics: bool | Drag, noise: Noise | None) -> _Asked:
+    def of(
+        cls,
+        body: Embodiment,
+        motion: Motion,
+        trials: int,
+        dynamics: bool | Drag,
+        noise: Noise | None,
+        touch_seen: bool,
+    ) -> _Asked:
         if not isinstance(body, Embodiment):
             raise InvalidConfig(f"body is {type(body).__name__}; give an embodiment: bk.load_embodiment(...)")
         written(motion)
@@ -138,7 +154,8 @@ class _Asked:
                 f"noise: torque={found.torque:g} disturbs an arm that is dragged; use dynamics=True or torque=0"
             )
         drag = dynamics if isinstance(dynamics, Drag) else Drag() if dynamics else None
-        asked = cls(body, motion, _checks.whole("trials", trials, least=1, most=_MOST_TRIALS), drag, found)
+        count = _checks.whole("trials", trials, least=1, most=_MOST_TRIALS)
+        asked = cls(body, motion, count, drag, found, _checks.flag("touch_seen", touch_seen))
         # What cannot be told later is refused before it is simulated.
         asked.config(0)
         return asked
@@ -151,6 +168,7 @@ class _Asked:
             "noise": dataclasses.asdict(self.noise),
             "seed": seed,
             "trials": self.trials,
+            **({} if self.touch_seen else {"touch_seen": False}),
         }
         try:
             return json.dumps(values, sort_keys=True)
@@ -267,8 +285,11 @@ def _say(asked: _Asked, moved: Sequence[_Moved]) -> None:
     share = visible.mean() if len(visible) else float(motion.in_view)
     if motion.in_view and 1 - share > _PASSED_OVER:
         said = f"does not see the hand in {int((~visible).sum())} of {len(visible)} samples of {type(motion).__name__}"
-    elif motion.touches and share > _PASSED_OVER:
-        said = f"sees the hand in {int(visible.sum())} of {len(visible)} samples while it touches the skin"
+    elif motion.touches and share > _PASSED_OVER and asked.touch_seen:
+        said = (
+            f"sees the hand in {int(visible.sum())} of {len(visible)} samples while it touches the skin (of none with "
+            "touch_seen=False)"
+        )
     else:
         return
     message = f"embodiment '{body.name}': the eye {said}; `bodyimage-kin embodiment check` says why"
@@ -299,7 +320,8 @@ def _note(asked: _Asked, seed: int, streams: Sequence[Stream], moved: Sequence[_
         true_touched[trial, here, 0] = one.taxel
         q[trial, here] = one.q + noise.encoder * for_encoders.standard_normal(one.q.shape)
         noisy = true_image[trial, here] + noise.image * for_image.standard_normal((len(one.q), body.m))
-        image[trial, here] = np.where(one.visible[:, None], noisy, np.nan)
+        seen = one.visible if asked.touch_seen else one.visible & (one.taxel < 0)
+        image[trial, here] = np.where(seen[:, None], noisy, np.nan)
         silent = for_silence.random(len(one.q)) < motion.silence
         touched[trial, here, 0] = np.where(silent, -1, one.taxel)
     variables: dict[str, np.ndarray] = {

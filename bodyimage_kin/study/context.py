@@ -224,7 +224,7 @@ class Context:
     @cached_property
     def direct_maps(
         self,
-    ) -> tuple[Float[np.ndarray, "maps rows columns m"], Float[np.ndarray, "maps rows_ columns_ m"]]:
+    ) -> tuple[Float[np.ndarray, "maps *taxels m"], Float[np.ndarray, "maps rows_ columns_ m"]]:
         """Tactile and posture map of direct sight, one a first map."""
         names, count = ("direct_map", "direct_posture_map"), len(self.map_seeds) - 1
         if not self.row.maps and all(len(self.known.get(name, ())) >= count for name in names):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from bodyimage_kin import metrics
 from bodyimage_kin.metrics import probes
@@ -43,6 +44,11 @@ def _mean_distance(index: int) -> Callable[[Context], Any]:
         return padded([one[np.isfinite(one)].mean() if np.isfinite(one).any() else None for one in rows])
 
     return of
+
+
+def _rows_and_columns(tactile_map: Float[np.ndarray, "*taxels m"]) -> Float[np.ndarray, "rows columns m"]:
+    """A map as rows and columns; of a skin that is no grid, one taxel a row."""
+    return tactile_map.reshape(len(tactile_map), -1, tactile_map.shape[-1])
 
 
 def _depth_ratio(context: Context) -> Any:
@@ -101,7 +107,8 @@ FACTS: Mapping[str, Fact] = {
         ),
         Fact(
             "direct_map", ("first_map", "row", "column", "axis"), "map of direct sight",
-            lambda context: padded([one.tactile_map for one in context.maps]), "m", needs=_MAPS, optional=True,
+            lambda context: padded([_rows_and_columns(one.tactile_map) for one in context.maps]), "m", needs=_MAPS,
+            optional=True,
         ),
         Fact(
             "direct_posture_map", ("first_map", *_UNITS, "axis"), "posture map of direct sight",

@@ -53,7 +53,7 @@ def seen_range(training: xr.Dataset) -> Float[np.ndarray, "m 2"]:
 
 # The same for every recording and estimator of an embodiment, so a worker finds it once.
 @lru_cache(maxsize=8)
-def true_map(body: Embodiment) -> Float[np.ndarray, "rows columns m"]:
+def true_map(body: Embodiment) -> Float[np.ndarray, "*taxels m"]:
     """Where the hand's image is while it touches each taxel, in the camera's unit: what a perfect map holds."""
     skin = body.require_skin()
     with torch.no_grad():
@@ -61,21 +61,19 @@ def true_map(body: Embodiment) -> Float[np.ndarray, "rows columns m"]:
     return image.numpy().reshape(*(skin.shape or (skin.count,)), body.m)
 
 
-def map_scores(learned: BodyImage, truth: Float[np.ndarray, "rows columns m"]) -> dict[str, Any]:
-    """Scores of one tactile map against the true taxels."""
+def map_scores(learned: BodyImage, truth: Float[np.ndarray, "*taxels m"]) -> dict[str, Any]:
+    """Scores of one tactile map against the true taxels; those of order and folds are NaN where the skin is no grid."""
     of = metrics.scores(learned.tactile_map, truth)
     return {
         "map_error_to_truth": metrics.trajectory_rmse(truth, learned.tactile_map),
-        "map_topological_error": of["topological_error"],
+        "map_topological_error": of.get("topological_error", np.nan),
         "map_span": of["span"],
         "map_disparity": of["disparity"],
-        "map_folded_cells": of["folded_cells"],
+        "map_folded_cells": of.get("folded_cells", np.nan),
     }
 
 
-def relative_distance(
-    map: Float[np.ndarray, "rows columns m"], reference: Float[np.ndarray, "rows columns m"]
-) -> float:
+def relative_distance(map: Float[np.ndarray, "*units m"], reference: Float[np.ndarray, "*units m"]) -> float:
     """RMS distance of a map from another, over the RMS extent of that other about its middle."""
-    centre = np.broadcast_to(reference.mean((0, 1)), reference.shape)
+    centre = np.broadcast_to(reference.mean(tuple(range(reference.ndim - 1))), reference.shape)
     return metrics.trajectory_rmse(reference, map) / metrics.trajectory_rmse(reference, centre)

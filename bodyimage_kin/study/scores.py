@@ -167,7 +167,7 @@ def of_maps(name: str) -> Callable[[Context], Any]:
 
 def _map_error(context: Context) -> Any:
     pairs = zip(context.maps, context.direct_maps[0], strict=True)
-    return np.mean([maps.relative_distance(one.tactile_map, direct) for one, direct in pairs])
+    return np.mean([maps.relative_distance(one.tactile_map.reshape(direct.shape), direct) for one, direct in pairs])
 
 
 def _posture_map_error(context: Context) -> Any:

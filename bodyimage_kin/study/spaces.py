@@ -1,9 +1,9 @@
-"""What is searched when an estimator is tuned, as plain tables, and how settings are drawn from them.
+"""What is searched when an estimator is tuned, as plain tables, and settings that fill it evenly.
 
 A space is ``{SETTING: range}``. A range is one of
 
 ========================================= ============================================================================
-``{"choice": [...]}``                     each with the same chance; an item that is a range is drawn from in turn
+``{"choice": [...]}``                     each as often as any other; an item that is a range is gone through in turn
 ``{"uniform": [least, most]}``            whole numbers when both bounds are
 ``{"log_uniform": [least, most]}``        its logarithm uniform; whole numbers when both bounds are
 ========================================= ============================================================================
@@ -12,15 +12,16 @@ A space is ``{SETTING: range}``. A range is one of
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+import scipy.stats
 
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.study.specs import Table, written
 
-__all__ = ["SPACES", "checked_space", "draw"]
+__all__ = ["SPACES", "checked_space", "points"]
 
 _PENALTY_OR_OWN = {"choice": [None, {"log_uniform": [1e-11, 1.0]}]}
 """None: the estimator's own choice."""
@@ -126,9 +127,23 @@ def checked_space(what: str, space: Any) -> Table:
     return found
 
 
-def draw(space: Table, rng: np.random.Generator) -> Table:
-    """One setting of each name, drawn independently; floats of three digits."""
-    return {name: _draw(span, rng) for name, span in space.items()}
+def points(space: Table, count: int, seed: int = 0) -> Iterator[Table]:
+    """Settings at the points of a scrambled Halton sequence (Owen 2017), which fills a space of any size evenly.
+
+    Args:
+        space: What :func:`checked_space` gave.
+        count: How many; the first ones are those of fewer.
+        seed: Of the scrambling.
+
+    Yields:
+        One setting of each name; floats of three digits. Of a space of few settings some come again.
+    """
+    # A coordinate for which item of a choice, and one for where in an item that is a range.
+    ends = np.cumsum([_depth(span) for span in space.values()])
+    sequence = scipy.stats.qmc.Halton(int(ends[-1]), rng=np.random.default_rng(seed))
+    for _ in range(count):
+        at = np.split(sequence.random(1)[0], ends[:-1])
+        yield {name: _at(span, place.tolist()) for (name, span), place in zip(space.items(), at, strict=True)}
 
 
 def _check(what: str, span: Any) -> None:
@@ -151,16 +166,23 @@ def _check(what: str, span: Any) -> None:
         raise InvalidConfig(f"{what}: log_uniform is {values!r}; give positive bounds")
 
 
-def _draw(span: Table, rng: np.random.Generator) -> Any:
+def _depth(span: Table) -> int:
+    """How many coordinates say where in a range one is."""
+    return 1 + max((_depth(item) for item in next(iter(span.values())) if isinstance(item, dict)), default=0)
+
+
+def _at(span: Table, place: list[float]) -> Any:
+    """The setting at a place, the first coordinate of those not used yet."""
     ((kind, values),) = span.items()
+    share = place.pop(0)
     if kind == "choice":
-        item = values[int(rng.integers(len(values)))]
-        return _draw(item, rng) if isinstance(item, dict) else item
+        item = values[min(int(share * len(values)), len(values) - 1)]
+        return _at(item, place) if isinstance(item, dict) else item
     least, most = values
     if kind == "uniform":
-        drawn = float(rng.uniform(least, most))
+        found = least + share * (most - least)
     else:
-        drawn = math.exp(rng.uniform(math.log(least), math.log(most)))
+        found = math.exp(math.log(least) + share * math.log(most / least))
     if isinstance(least, int) and isinstance(most, int):
-        return round(drawn)
-    return min(max(float(f"{drawn:.3g}"), float(least)), float(most))
+        return round(found)
+    return min(max(float(f"{found:.3g}"), float(least)), float(most))

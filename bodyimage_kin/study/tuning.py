@@ -1,7 +1,9 @@
 """Tuning: every estimator gets the same budget of settings, judged on what was seen alone; all of it is recorded.
 
-Random search, each candidate judged on regions of the image that were hidden from it
-(:mod:`bodyimage_kin.metrics.held_out`).
+Candidates fill the space evenly, the same for everybody (:func:`bodyimage_kin.study.spaces.points`); each is judged on
+what lies farthest from the rest of what was seen and was hidden from it
+(:func:`bodyimage_kin.metrics.held_out.hold_out_far`), in several directions: how far these disagree is part of the
+result.
 """
 
 from __future__ import annotations
@@ -25,27 +27,27 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators import Pairs
 from bodyimage_kin.metrics import displacement_error
-from bodyimage_kin.metrics.held_out import HeldOut, hold_out
+from bodyimage_kin.metrics.held_out import HeldOut, hold_out_far
 from bodyimage_kin.recordings.schema import experience
 from bodyimage_kin.study.blocks import stream
 from bodyimage_kin.study.cells import fit_all
-from bodyimage_kin.study.spaces import SPACES, checked_space, draw
+from bodyimage_kin.study.spaces import SPACES, checked_space, points
 from bodyimage_kin.study.specs import ESTIMATOR, Table, written
 from bodyimage_kin.study.store import said
 
 __all__ = ["Candidate", "Tuned", "read_tuning", "tune", "write_tuning"]
 
-_FORM = {"format": "bodyimage_kin tuning", "version": 1}
+_FORM = {"format": "bodyimage_kin tuning", "version": 2}
 _ROUNDING = 1e-6
 """Errors below are of rounding, and count as this."""
-_DRAWS = 50
-"""Draws at most for each candidate wanted: a small space has fewer than the budget."""
+_POINTS = 50
+"""Points at most for each candidate wanted: a small space has fewer than the budget."""
 _CRITERION = (
-    "The seen samples of each experience are divided by their hand image into {folds} regions of equal numbers: cut in "
-    "two along the image axis of the greatest spread, and each part again. Each region is hidden once, over all trials "
-    "and turns; what is learned from the others is judged on the steps within it by "
-    "sqrt(sum |displacement(q, dq) - dr|^2 / sum |dr|^2). Score: the mean over regions, at least 1e-6, then the "
-    "geometric mean over experiences; the smallest is chosen, the first of equals."
+    "The felt postures of each experience are laid along {draws} directions of joint space, drawn at random. The "
+    "farthest quarter along each is hidden once, over all trials and turns, and the tenth beside it is left out; what "
+    "is learned from the others is judged on the steps within it by sqrt(sum |displacement(q, dq) - dr|^2 / sum "
+    "|dr|^2), at least 1e-6. Score: the geometric mean over directions and experiences; the smallest is chosen, the "
+    "first of equals."
 )
 
 
@@ -55,19 +57,20 @@ class Candidate:
 
     Attributes:
         settings: What the space names; None is the setting's own None.
-        errors: Relative displacement error on hidden regions, one an experience; empty after a failure.
+        errors: Relative displacement error on what was hidden, one an experience and draw; empty after a failure.
         failure: What went wrong; empty when nothing did.
         seconds: CPU time that its fits and their judgement took [s]. No part of equality.
     """
 
     settings: Mapping[str, Any]
-    errors: tuple[float, ...] = ()
+    errors: tuple[tuple[float, ...], ...] = ()
     failure: str = ""
     seconds: float = field(default=0.0, compare=False)
 
-    def score(self, experiences: Sequence[int] | None = None) -> float:
-        """Geometric mean of the errors over experiences (by index; None: all); infinite after a failure."""
-        kept = [self.errors[index] for index in experiences or range(len(self.errors))] if self.errors else []
+    def score(self, experiences: Sequence[int] | None = None, draws: Sequence[int] | None = None) -> float:
+        """Geometric mean of the errors over experiences and draws (by index; None: all); infinite after a failure."""
+        rows = [self.errors[index] for index in experiences or range(len(self.errors))] if self.errors else []
+        kept = [row[index] for row in rows for index in (draws if draws is not None else range(len(row)))]
         return math.exp(sum(map(math.log, kept)) / len(kept)) if kept else math.inf
 
 
@@ -81,7 +84,7 @@ class Tuned:
         space: What was searched; empty when there is nothing to tune.
         budget: Candidates that were allowed. Fewer are tried only when the space has no more.
         seed: Of the candidates and of the fits.
-        folds: Number of regions.
+        draws: Number of directions.
         criterion: How candidates were judged, in words.
     """
 
@@ -90,12 +93,16 @@ class Tuned:
     space: Table
     budget: int
     seed: int
-    folds: int
+    draws: int
     criterion: str
 
-    def best(self, experiences: Sequence[int] | None = None) -> Candidate:
-        """The candidate with the smallest score over these experiences (by index); None: all, as was chosen by."""
-        return min(self.candidates, key=lambda candidate: candidate.score(experiences))
+    def best(self, experiences: Sequence[int] | None = None, draws: Sequence[int] | None = None) -> Candidate:
+        """The candidate with the smallest score over these experiences and draws (by index); None: all, as chosen."""
+        return min(self.candidates, key=lambda candidate: candidate.score(experiences, draws))
+
+    def by_draw(self, experiences: Sequence[int] | None = None) -> list[Candidate]:
+        """What each draw alone would have chosen: where these differ, what was seen does not decide."""
+        return [self.best(experiences, [draw]) for draw in range(self.draws)]
 
     def table(self) -> Table:
         """The search as JSON can say it; :meth:`from_table` reads it."""
@@ -103,14 +110,15 @@ class Tuned:
             {
                 "settings": dict(one.settings),
                 "score": float(f"{one.score():.5g}") if one.errors else None,
-                "errors": list(one.errors),
+                "errors": [list(row) for row in one.errors],
                 "failure": one.failure,
                 "seconds": round(one.seconds, 3),
             }
             for one in self.candidates
         ]
-        facts = {"budget": self.budget, "seed": self.seed, "folds": self.folds, "criterion": self.criterion}
-        return {"chosen": self.chosen, **facts, "space": self.space, "candidates": tried}
+        facts = {"budget": self.budget, "seed": self.seed, "draws": self.draws, "criterion": self.criterion}
+        chosen = [self.candidates.index(one) for one in self.by_draw()]
+        return {"chosen": self.chosen, "by_draw": chosen, **facts, "space": self.space, "candidates": tried}
 
     @classmethod
     def from_table(cls, table: Any) -> Tuned:
@@ -121,11 +129,16 @@ class Tuned:
         """
         try:
             tried = tuple(
-                Candidate(dict(one["settings"]), tuple(map(float, one["errors"])), one["failure"], one["seconds"])
+                Candidate(
+                    dict(one["settings"]),
+                    tuple(tuple(map(float, row)) for row in one["errors"]),
+                    one["failure"],
+                    one["seconds"],
+                )
                 for one in table["candidates"]
             )
             chosen = ESTIMATOR.table(table["chosen"])
-            facts = [table[name] for name in ("space", "budget", "seed", "folds", "criterion")]
+            facts = [table[name] for name in ("space", "budget", "seed", "draws", "criterion")]
         except (KeyError, TypeError, ValueError) as problem:
             raise InvalidConfig(f"no record of a tuning: {type(problem).__name__} {problem}") from None
         return cls(chosen, tried, *facts)
@@ -139,9 +152,9 @@ def tune(
     seed: int = 0,
     body: Embodiment | None = None,
     space: Any = None,
-    folds: int = 3,
+    draws: int = 4,
 ) -> Tuned:
-    """Searches the settings of an estimator at random (Bergstra and Bengio 2012), judged on seen data alone.
+    """Searches the settings of an estimator over points that fill its space evenly, judged on seen data alone.
 
     The first candidate is the spec as given; the others differ from it in what the space names. A candidate that
     raises, or foretells what is not finite, is recorded with its failure and never chosen.
@@ -151,27 +164,30 @@ def tune(
         experiences: Of the motion that will be learned from, other seeds than those to be reported. Of a recording,
             the truth is dropped.
         budget: Number of candidates; the same for all that are to be compared.
-        seed: Same seed, same candidates and fits, whatever else is tuned.
+        seed: Same seed, same candidates, directions and fits, whatever else is tuned.
         body: The embodiment, for an estimator that wants one.
         space: Setting -> range (:mod:`bodyimage_kin.study.spaces`); None: that of :data:`SPACES`.
-        folds: Number of regions that are hidden in turn.
+        draws: Directions along which what lies farthest is hidden in turn.
 
     Raises:
         InvalidConfig: A setting out of range, a space that is missing or names what the estimator does not have, an
             estimator that wants a body and got none, or one of which no candidate succeeded.
-        InvalidRecording: An experience whose regions are too small to learn from and to judge.
+        InvalidRecording: An experience whose parts are too small to learn from and to judge.
         UnknownName: No such estimator.
     """
     _checks.whole("budget", budget, least=1)
-    _checks.whole("folds", folds, least=2)
+    _checks.whole("draws", draws, least=1)
     _checks.whole("seed", seed, least=0)
     ((name, base),) = ESTIMATOR.table(spec).items()
     space = checked_space(name, _space_of(name) if space is None else space)
     given = _as_given(name, base, space, body)
-    taught = [hold_out(experience(one), folds) for one in experiences]
+    taught = [
+        hold_out_far(experience(one), draws, seed=stream(seed, f"tuning/directions/{index}")[0])
+        for index, one in enumerate(experiences)
+    ]
     if not taught:
         raise InvalidRecording("no experience to tune on; give at least one")
-    fit_seeds = stream(seed, f"tuning/{name}/fit", folds * len(taught))
+    fit_seeds = stream(seed, f"tuning/{name}/fit", draws * len(taught))
     tried = tuple(
         _try(name, base, settings, taught, fit_seeds, body)
         for settings in _candidates(name, given, space, budget, seed)
@@ -180,7 +196,7 @@ def tune(
     if not best.errors:
         raise InvalidConfig(f"estimator {name}: no candidate succeeded; the first: {tried[0].failure}")
     chosen = ESTIMATOR.table({name: base | dict(best.settings)})
-    return Tuned(chosen, tried, space, budget, seed, folds, _CRITERION.format(folds=folds))
+    return Tuned(chosen, tried, space, budget, seed, draws, _CRITERION.format(draws=draws))
 
 
 def write_tuning(path: str | os.PathLike[str], tuned: Mapping[str, Tuned], **about: Any) -> None:
@@ -234,14 +250,12 @@ def _as_given(name: str, base: Table, space: Table, body: Embodiment | None) -> 
 
 def _candidates(name: str, given: Table, space: Table, budget: int, seed: int) -> list[Table]:
     """The settings as given, then others, none twice."""
-    rng = np.random.default_rng(stream(seed, f"tuning/{name}/candidates", 4))
     found = [given]
-    for _ in range(_DRAWS * budget if space else 0):
+    for settings in points(space, _POINTS * budget, stream(seed, f"tuning/{name}/candidates")[0]) if space else ():
         if len(found) == budget:
             break
-        drawn = draw(space, rng)
-        if drawn not in found:
-            found.append(drawn)
+        if settings not in found:
+            found.append(settings)
     return found
 
 
@@ -254,14 +268,14 @@ def _try(
     body: Embodiment | None,
 ) -> Candidate:
     begin = time.process_time()
-    errors: tuple[float, ...] = ()
+    errors: tuple[tuple[float, ...], ...] = ()
     failure = ""
     try:
         spec = ESTIMATOR.build(ESTIMATOR.table({name: base | settings}), body=body)
         learned = iter(fit_all(spec, [lesson.seen for one in taught for lesson in one], seeds))
         judged = [[_error(next(learned), lesson.hidden) for lesson in one] for one in taught]
         # Five digits: no choice hangs on how sums are rounded.
-        errors = tuple(float(f"{max(float(np.mean(one)), _ROUNDING):.5g}") for one in judged)
+        errors = tuple(tuple(float(f"{max(error, _ROUNDING):.5g}") for error in one) for one in judged)
     except (Exception, SystemExit) as problem:
         failure = said(problem)
     return Candidate(settings, errors, failure, time.process_time() - begin)

@@ -21,7 +21,7 @@ import xarray as xr
 from population import Individual, drawn
 
 import bodyimage_kin as bk
-from bodyimage_kin.figures import label
+from bodyimage_kin import figures
 from bodyimage_kin.study import Row, Simulation, failures, markdown_table, statistics
 
 HERE = Path(__file__).parent
@@ -174,10 +174,27 @@ def table(found: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@figures.style()
+def draw(found: Mapping[str, Any], folder: Path) -> None:
+    """Medians over infants with their intervals, on what was seen and on the face."""
+    rows = {named(name): one for name, one in found["summary"]["rows"].items()}
+    parts = {
+        part: [[_number(one["on_circle"]) if part == "median" else np.nan, _number(one[part])] for one in rows.values()]
+        for part in ("median", "lower", "upper")
+    }
+    medians = xr.Dataset(
+        {part: (("estimator", "probe"), values) for part, values in parts.items()},
+        {"estimator": list(rows), "probe": ["on_circle", "on_face"]},
+    )
+    axes = figures.errors(medians, xlabel="relative error")
+    figures.legend(axes.figure)
+    figures.save(axes.figure, folder, "errors")
+
+
 def named(row: str) -> str:
     """What a reader calls a row."""
     name = row.removesuffix(DEEP)
-    return LABELS.get(name, label(name)) + (", three depths" if row.endswith(DEEP) else "")
+    return LABELS.get(name, figures.label(name)) + (", three depths" if row.endswith(DEEP) else "")
 
 
 def main() -> None:
@@ -211,6 +228,7 @@ def main() -> None:
     lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in found.items())
     kept.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8")
     (asked.publish / "table.md").write_text(table(found), encoding="utf-8")
+    draw(found, asked.publish)
 
 
 def _neighbours(order: list[str]) -> list[tuple[str, str]]:

@@ -113,6 +113,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=30, help="recordings of each condition")
     parser.add_argument("--publish", type=Path, default=HERE, help="folder of what is kept")
     arguments = parser.parse_args()
+    if not (HERE / "tuning.json").exists():
+        raise SystemExit("no settings yet: python comparisons/estimators/tune.py finds them")
     conditions = json.loads((HERE / "tuning.json").read_text(encoding="utf-8"))["conditions"]
     chains = {}
     for name, condition in conditions.items():

@@ -5,6 +5,8 @@ Writes ``tuning.json`` beside this file: every candidate, its score, what was ch
 
 from __future__ import annotations
 
+import argparse
+import itertools
 import multiprocessing
 import os
 from collections.abc import Mapping, Sequence
@@ -32,8 +34,10 @@ CONDITIONS: Mapping[str, Mapping[str, float]] = {
     "noisy": {"torque": 0.1, "encoder": 1e-3, "image": 2e-4},
 }
 """Noise of the circle that is learned from. Each condition's own best is what its study takes: ``run.py``."""
-RECORDINGS = 3
+RECORDINGS = 1
 """Of each condition."""
+DRAWS = 4
+"""Directions along which what lies farthest is hidden, of each recording."""
 SEED = 0
 BUDGET = 24
 WORKERS = 2
@@ -52,59 +56,70 @@ def recording_seeds(condition: str) -> list[int]:
 
 
 @lru_cache(maxsize=1)
-def setting() -> tuple[bk.Embodiment, Sequence[xr.Dataset]]:
-    """The body, and the experiences of all conditions, one condition after the other."""
+def setting(conditions: tuple[str, ...]) -> tuple[bk.Embodiment, Sequence[xr.Dataset]]:
+    """The body, and the experiences of these conditions, one condition after the other."""
     torch.set_num_threads(1)
     body = bk.load_embodiment(EMBODIMENT)
     experiences = []
-    for condition, settings in CONDITIONS.items():
-        circle, noise = bk.motions.Circle(), bk.Noise(**settings)
+    for condition in conditions:
+        circle, noise = bk.motions.Circle(), bk.Noise(**CONDITIONS[condition])
         recordings = simulate_many(body, circle, recording_seeds(condition), noise=noise, threads=1)
         experiences += [bk.experience(recording) for recording in recordings]
     return body, experiences
 
 
-def tune_family(name: str) -> Tuned:
+def tune_family(name: str, conditions: tuple[str, ...]) -> Tuned:
     """One estimator's search, in a worker."""
-    body, experiences = setting()
-    return tune(name, experiences, budget=BUDGET, seed=SEED, body=body)
+    body, experiences = setting(conditions)
+    return tune(name, experiences, budget=BUDGET, seed=SEED, body=body, draws=DRAWS)
 
 
 def main() -> None:
     """Tunes all, writes, and prints a line for each."""
-    with ProcessPoolExecutor(WORKERS, multiprocessing.get_context("spawn")) as pool:
-        found = dict(zip(FAMILIES, searched(pool), strict=True))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--workers", type=int, default=WORKERS, help=f"processes (default: {WORKERS})")
+    parser.add_argument("--out", type=Path, default=HERE / "tuning.json", help="file of the results")
+    parser.add_argument("--conditions", nargs="+", choices=CONDITIONS, default=list(CONDITIONS), help="of the circle")
+    asked = parser.parse_args()
+    conditions = tuple(asked.conditions)
+    with ProcessPoolExecutor(asked.workers, multiprocessing.get_context("spawn")) as pool:
+        found = dict(zip(FAMILIES, searched(pool, conditions), strict=True))
     tuned = {name: found[name] for name in bk.estimators.names() if name in found}
     write_tuning(
-        HERE / "tuning.json",
+        asked.out,
         tuned,
         embodiment=EMBODIMENT,
         conditions={
             condition: {
-                "noise": dict(settings),
+                "noise": dict(CONDITIONS[condition]),
                 "seeds": recording_seeds(condition),
-                "best": {name: dict(one.best(indices(condition)).settings) for name, one in tuned.items()},
+                "best": {name: dict(one.best(indices(condition, conditions)).settings) for name, one in tuned.items()},
+                "by_draw": {
+                    name: [dict(best.settings) for best in one.by_draw(indices(condition, conditions))]
+                    for name, one in tuned.items()
+                },
             }
-            for condition, settings in CONDITIONS.items()
+            for condition in conditions
         },
         versions=versions(),
-        seconds=round(sum(candidate.seconds for one in tuned.values() for candidate in one.candidates)),
+        fits={name: len(one.candidates) * DRAWS * RECORDINGS * len(conditions) for name, one in tuned.items()},
+        seconds={name: round(sum(each.seconds for each in one.candidates)) for name, one in tuned.items()},
     )
     print(table(tuned))
 
 
-def searched(pool: ProcessPoolExecutor) -> list[Tuned]:
+def searched(pool: ProcessPoolExecutor, conditions: tuple[str, ...]) -> list[Tuned]:
     """Each family's search, in their order; says when one is there."""
     found = []
-    for name, tuned in zip(FAMILIES, pool.map(tune_family, FAMILIES), strict=True):
+    for name, tuned in zip(FAMILIES, pool.map(tune_family, FAMILIES, itertools.repeat(conditions)), strict=False):
         print(f"{name}: {sum(one.seconds for one in tuned.candidates):.0f} s", flush=True)
         found.append(tuned)
     return found
 
 
-def indices(condition: str) -> list[int]:
+def indices(condition: str, conditions: Sequence[str]) -> list[int]:
     """Places of a condition's experiences among all."""
-    first = list(CONDITIONS).index(condition) * RECORDINGS
+    first = list(conditions).index(condition) * RECORDINGS
     return list(range(first, first + RECORDINGS))
 
 

@@ -6,6 +6,7 @@ import torch
 import trimesh
 
 import bodyimage_kin as bk
+from bodyimage_kin.body import check_embodiment
 from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.robot.geometry import Collision, Cylinder
 
@@ -203,3 +204,36 @@ def test_points_on_a_link_without_its_mesh_work_and_say_what_is_missing(folder):
     with pytest.raises(BodyImageKinError, match="has no shape that a hand can be dragged on"):
         bk.simulate(body, bk.motions.RandomTouch(duration=1.0))
     bk.simulate(body, bk.motions.RandomTouch(duration=1.0), dynamics=False)
+
+
+def test_a_look_at_a_body_tells_of_its_skin(folder):
+    assert not [one for one in check_embodiment(load(folder, POINTS)) if one.about == "skin" and one.level == "error"]
+    turned = PLACES.copy() / 0.08
+    turned[[3, 7]] *= -1.0
+    body = load(folder, POINTS)
+    parts = {"joints": body.joints, "hand": body.hand, "camera": body.camera, "home": body.home, "name": "r"}
+    edges = [edge for edge in body.skin.neighbours.tolist() if 29 not in edge]
+    skin = bk.Skin.points(PLACES, turned, edges, link="head", reference=12)
+    for surface in (True, False):
+        if not surface:
+            (folder / "head.stl").unlink()
+        robot = bk.Robot.from_urdf(folder / "r.urdf")
+        found = [
+            one.text for one in check_embodiment(bk.Embodiment.build(robot, **parts, skin=skin)) if one.about == "skin"
+        ]
+        assert any("the normals of 2 of 30 taxels point inward (first 3, 7)" in text for text in found)
+        assert any("its graph is in 2 pieces" in text and "taxels 29 have no neighbour" in text for text in found)
+
+
+def test_a_study_scores_maps_of_a_skin_that_is_no_grid(folder):
+    ball = '<collision><geometry><sphere radius="0.08"/></geometry></collision>'
+    (folder / "r.urdf").write_text(ARM.format(head=ball), encoding="utf-8")
+    body = load(folder, POINTS)
+    touch, circle = bk.motions.RandomTouch(duration=20.0), bk.motions.Circle(radius=0.02, turns=1.0)
+    near = bk.study.Simulation(circle, use=touch, tour=touch, dynamics=False)
+    scores = ["map_error", "map_disparity", "map_topological_error"]
+    study = bk.Study(body, {"near": near}, [bk.estimators.LeastSquares()], seeds=1, scores=scores)
+    results = study.run(folder / "out")
+    assert np.isfinite(results["map_disparity"]).all()
+    assert np.isfinite(results["map_error"]).all()
+    assert np.isnan(results["map_topological_error"]).all()

@@ -271,6 +271,17 @@ def test_a_touch_that_is_seen_is_told_and_recorded_as_seen(body):
     seen = np.isfinite(touch.hand_image.values).all(-1)
     np.testing.assert_array_equal(seen, sees.visible(touch.true_q.values).numpy())
     assert seen.any()
+    # On request it counts as unseen, and nothing else changes; a circle, which touches nothing, stays seen.
+    motion = RandomTouch(duration=4.0)
+    with pytest.warns(DataWarning, match="of none with touch_seen=False"):
+        told = bk.simulate(sees, motion, dynamics=False)
+    blind = bk.simulate(sees, motion, dynamics=False, touch_seen=False)
+    touching = (blind["true_touched"].values >= 0).any(-1)
+    assert np.isnan(blind["hand_image"].values[touching]).all()
+    for name in set(told.data_vars) - {"hand_image"}:
+        assert blind[name].identical(told[name]), name
+    circle = [bk.simulate(sees, Circle(turns=0.1), dynamics=False, touch_seen=seen) for seen in (True, False)]
+    np.testing.assert_array_equal(circle[0]["hand_image"], circle[1]["hand_image"])
 
 
 def test_the_state_of_the_global_generators_is_left_alone(body):

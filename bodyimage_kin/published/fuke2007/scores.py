@@ -128,11 +128,12 @@ def _edge_correlation(context: Context) -> Any:
     The map is held against the kernel average of the true places over the same touches, so that the kernel's own share
     of the distortion does not count.
     """
-    truth, learned = true_map(_body(context)), context.maps[0]
-    expected = expected_map(truth.reshape(-1, truth.shape[-1]), first_taxel(context.felt_use)[0], truth.shape[:2])
+    skin, truth, learned = _body(context).require_skin(), true_map(_body(context)), context.maps[0]
+    expected = expected_map(truth.reshape(-1, truth.shape[-1]), first_taxel(context.felt_use)[0], skin)
     fit = metrics.procrustes(learned.tactile_map, expected)
-    centred = (expected - expected.mean((0, 1))) @ fit.rotation.T * fit.scale
-    left = np.linalg.norm(learned.tactile_map - learned.tactile_map.mean((0, 1)) - centred, axis=-1).ravel()
+    taxels = tuple(range(truth.ndim - 1))
+    centred = (expected - expected.mean(taxels)) @ fit.rotation.T * fit.scale
+    left = np.linalg.norm(learned.tactile_map - learned.tactile_map.mean(taxels) - centred, axis=-1).ravel()
     counts = np.asarray(learned.touch_counts).ravel()
     if not (np.ptp(left) > 0 and np.ptp(counts) > 0):
         return float("nan")
