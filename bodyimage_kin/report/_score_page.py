@@ -90,10 +90,9 @@ def _sentences(rows: xr.Dataset, ranked: Sequence[str], against: Mapping[str, xr
 
 
 def _picture(rows: xr.Dataset) -> Picture:
-    ranges = xr.concat([rows[f"pair_error_relative{end}"] for end in ("", "_lower", "_upper")], "end")
-    ranges = ranges.expand_dims(probe=["held_out"]).transpose("estimator", "probe", "end")
-    ends = [ranges.isel(end=index, drop=True) for index in range(3)]
-    # The drawing's word for where its mark stands; here it is the error of all hidden parts together.
+    found = xr.concat([rows[f"pair_error_relative{end}"] for end in ("", "_lower", "_upper")], "end")
+    found = found.expand_dims(probe=["held_out"]).transpose("estimator", "probe", "end")
+    ends = [found.isel(end=index, drop=True) for index in range(3)]
     data = xr.Dataset(dict(zip(("median", "lower", "upper"), ends, strict=True)))
 
     def draw() -> Figure:
