@@ -57,7 +57,6 @@ sphinx_gallery_conf = {
     "image_srcset": ["2x"],
     "doc_module": "bodyimage_kin",
     "reference_url": {"bodyimage_kin": None},
-    "notebook_extensions": set(),
     "download_all_examples": False,
     "write_computation_times": False,
     "min_reported_time": 1e9,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import sys
 from pathlib import Path
 
@@ -27,6 +28,17 @@ def test_the_findings_of_the_readme_are_all_marked():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert "<!-- begin results -->" in text.partition("## What was found")[2]
     assert audit.audited(ROOT / "README.md")[0] >= 20
+
+
+def test_as_many_claims_hold_and_cannot_fail_as_the_readme_says():
+    claims = json.loads((ROOT / "comparisons/fuke2007/summary.json").read_text(encoding="utf-8"))["claims"]
+    paper = [claim for claim in claims if claim["asked_by"] == "paper"]
+    holds = [claim["name"] for claim in paper if claim["holds"]]
+    idle = [claim["name"] for claim in paper if claim["met"] and claim["cannot_fail"]]
+    assert (len(paper), holds, len(idle)) == (9, ["training_converges"], 5)
+    said = (ROOT / "README.md").read_text(encoding="utf-8")
+    for words in ("one thing holds", "Five more of its nine claims", "three do not hold"):
+        assert words in " ".join(said.split())
 
 
 def written(tmp_path, text):

@@ -16,7 +16,16 @@ import json, runpy, sys
 import matplotlib.pyplot as plt
 runpy.run_path(sys.argv[1], run_name="__main__")
 panels = [axes for number in plt.get_fignums() for axes in plt.figure(number).axes]
-drawn = [[axes.has_data(), axes.get_xlabel(), axes.get_ylabel(), axes.get_title()] for axes in panels]
+# A panel without data says why it has none.
+drawn = [
+    [
+        axes.has_data() or bool(axes.texts),
+        axes.get_xlabel(),
+        axes.get_ylabel(),
+        axes.get_title() or axes.get_title("left"),
+    ]
+    for axes in panels
+]
 print(json.dumps(drawn))
 """
 
@@ -30,6 +39,17 @@ def test_examples_are_numbered_without_holes():
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_is_short(path):
     assert 20 <= len(path.read_text(encoding="utf-8").splitlines()) <= 80
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_a_notebook_too(path):
+    parser = pytest.importorskip("sphinx_gallery.py_source_parser", reason="sphinx-gallery is not installed")
+    _, blocks = parser.split_code_and_text_blocks(str(path))
+    cells = [text for kind, text, _ in blocks if kind == "code"]
+    assert len(cells) >= 2
+    for cell in cells:
+        compile(cell, path.name, "exec")
+    assert blocks[0][0] == "text", "it begins with what it is about"
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

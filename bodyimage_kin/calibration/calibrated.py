@@ -68,6 +68,7 @@ class Calibrated:
         fit: Where the posterior has its mode, and how wide it is there.
         held_out: Errors of what each fit did not see.
         nominal: The same of the body as it was thought to be, a tracker's frame and planes fitted alone.
+        robust: Whether the cost was Cauchy's.
     """
 
     problem: Problem
@@ -76,6 +77,7 @@ class Calibrated:
     fit: Fit
     held_out: HeldOut
     nominal: HeldOut
+    robust: bool = True
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -19,7 +19,7 @@ from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 from bodyimage_kin.estimators.map_fit import Fit, maximum_a_posteriori
 from bodyimage_kin.estimators.parametric import Group
 
-__all__ = ["calibrate"]
+__all__ = ["calibrate", "halves"]
 
 _NUISANCE: tuple[Group, ...] = ("tracker", "plane")
 """Where a tracker or a plane stands is nobody's question, and always free."""
@@ -78,7 +78,26 @@ def calibrate(
         held_out = hold_out(problem, prior, groups, robust)
     nominal = hold_out(problem, prior, (), robust)
     fit = fitted(problem, prior, groups, robust)
-    return Calibrated(problem, prior, groups, fit, held_out, nominal)
+    return Calibrated(problem, prior, groups, fit, held_out, nominal, robust)
+
+
+def halves(calibrated: Calibrated, seed: int = 0) -> tuple[Embodiment, Embodiment]:
+    """Two bodies, each fitted to one half of what was observed: how far they differ is how far the body is known.
+
+    Args:
+        calibrated: What was fitted to all of it.
+        seed: Of the division, at random among the rows of each kind of evidence.
+
+    Raises:
+        InvalidRecording: Too little in each half to tell the noise as well.
+    """
+    problem, rng = calibrated.problem, np.random.default_rng(seed)
+    first = [rng.permutation(len(block)) % 2 == 0 for block in problem.blocks]
+    found = []
+    for kept in (first, [~one for one in first]):
+        fit = fitted(problem, calibrated.prior, calibrated.groups, calibrated.robust, kept)
+        found.append(calibrated.at(fit.theta))
+    return found[0], found[1]
 
 
 def fitted(

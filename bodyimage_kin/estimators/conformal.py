@@ -70,7 +70,7 @@ class ConformalJacobian(Doubt):
         return self.factor * _own_covariance(self.learned, q, self.axes, self.joints)
 
     def displacement_covariance(self, q: ArrayLike, dq: ArrayLike) -> Float[Tensor, "*batch m m"]:
-        """Covariance of the displacement that is foreseen. See :meth:`Doubt.displacement_covariance`."""
+        """Covariance of the displacement that is foreseen. See :meth:`Uncertain.displacement_covariance`."""
         if isinstance(self.learned, Uncertain):
             return self.factor * self.learned.displacement_covariance(q, dq)
         return super().displacement_covariance(q, dq)

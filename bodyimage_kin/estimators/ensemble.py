@@ -62,7 +62,7 @@ class EnsembleJacobian(Doubt):
         return _spread(torch.stack([member.jacobian(q).flatten(-2) for member in self.members]))
 
     def displacement_covariance(self, q: ArrayLike, dq: ArrayLike) -> Float[Tensor, "*batch m m"]:
-        """Covariance of the displacements that the members foresee. See :meth:`Doubt.displacement_covariance`."""
+        """Covariance of the displacements that the members foresee. See :meth:`Uncertain.displacement_covariance`."""
         return _spread(torch.stack([member.displacement(q, dq) for member in self.members]))
 
     def draws(self, n: int, seed: int = 0) -> tuple[LearnedJacobian, ...]:

@@ -28,8 +28,8 @@ from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import experience, simulate_many
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study.blocks import Block
+from bodyimage_kin.study.calls import Step
 from bodyimage_kin.study.context import Context, Score, WrongResult, image_unit
-from bodyimage_kin.study.executors import Step
 from bodyimage_kin.study.facts import SHARED_MAPS
 from bodyimage_kin.study.grid import ROLES, Row, Simulation
 from bodyimage_kin.study.parts import Part
@@ -175,7 +175,10 @@ def _record(block: Block, store: Store, write: Callable[..., None]) -> str:
         if need_maps(block.settings["scores"], Path(block.folder)):
             names += [name for name in SHARED_MAPS if name not in names]
         facts = [resolve(name, Path(block.folder)) for name in names]
-        found = [computed(_context(block, body, loaded, index, Row(), {}), facts) for index in range(len(block.seeds))]
+        found = [
+            computed(_context(block, body, loaded, index, Row(), {}), facts) if facts else ({}, {})
+            for index in range(len(block.seeds))
+        ]
     except (Exception, SystemExit) as problem:
         return said(problem)
     part = _part(block, block.identity(), facts, found, seen=loaded["training"][0])

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from bodyimage_kin.errors import BodyImageKinError
 
 if TYPE_CHECKING:
-    from bodyimage_kin.study.executors import Call
+    from bodyimage_kin.study.calls import Call
 
 __all__ = ["live"]
 
@@ -57,7 +57,7 @@ def live(lifeline: int) -> None:
 
 def _answer(call: Call, answers: Connection) -> tuple[bool, Any]:
     """Whether it was done, and what came of it."""
-    from bodyimage_kin.study.executors import Step, run
+    from bodyimage_kin.study.calls import Step, run
 
     steps = 0
 

@@ -15,8 +15,9 @@ from typing import Any
 from bodyimage_kin.errors import OutputRefused
 from bodyimage_kin.study import cells
 from bodyimage_kin.study.blocks import Block
+from bodyimage_kin.study.calls import Call, NoWorker, WorkerDied
 from bodyimage_kin.study.cells import Job
-from bodyimage_kin.study.executors import Call, ExecutorLost, NoWorker, Others, Ours, WorkerDied, was_lost
+from bodyimage_kin.study.executors import ExecutorLost, Others, Ours, was_lost
 from bodyimage_kin.study.kept import by_recording, cells_in
 from bodyimage_kin.study.specs import Table
 from bodyimage_kin.study.store import Store, said

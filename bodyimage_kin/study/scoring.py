@@ -14,8 +14,9 @@ import xarray as xr
 from bodyimage_kin._checks import choice, whole
 from bodyimage_kin._named import named_object
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.calibration import Calibrated
+from bodyimage_kin.calibration import Calibrated, halves
 from bodyimage_kin.errors import InvalidConfig, UnknownName
+from bodyimage_kin.estimators.analytic import AnalyticJacobian
 from bodyimage_kin.metrics import probes as probe_specs
 from bodyimage_kin.recordings import check
 from bodyimage_kin.study.blocks import stream
@@ -75,8 +76,10 @@ def score(
             Without a body also an estimator, or name -> estimator: each learns without a part of the recording in turn,
             and is held against that part (:func:`bodyimage_kin.study.held_out_scores`).
         body: Whose truth it is held against. A calibrated body is no certain truth: scores are means over bodies drawn
-            from its posterior, each with its standard deviation beside it (``relative_error_sd``). None: the body is
-            not known, and only what needs no truth is scored, against images of ``use``, or else of ``seen``.
+            from its posterior, each with its standard deviation beside it (``relative_error_sd``), and
+            ``halves_apart`` is how far two bodies differ that were fitted to one half of the observations each. None:
+            the body is not known, and only what needs no truth is scored, against images of ``use``, or else of
+            ``seen``.
         seen: The recording that was learned from.
         use: The motion that the Jacobian is used for: its metric counts in ``relative_error_use``. None: that of
             ``seen``, and errors are not split into excited and unexcited ones.
@@ -116,9 +119,13 @@ def score(
             "excitation_cut": excitation_cut,
         }
         every = [body.body, *body.draws(whole("draws", draws, least=2), seed)]
-        return _over_draws(
+        result = _over_draws(
             [score(learned, one, seen, use, probes, seed=seed, metric_of=metric_of, **settings) for one in every]
         )
+        half, other_half = halves(body, seed)
+        known = AnalyticJacobian(half, unit=half.camera.model.unit)
+        apart = score(known, other_half, seen, probes=probes, scores=["relative_error"])["relative_error"]
+        return result.assign(halves_apart=apart.assign_attrs(long_name="relative difference of bodies of two halves"))
     if body is None and scores is None:
         return learned_scores(learned, seen, use, noise)
     named = _named_probes(probes, body)

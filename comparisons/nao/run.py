@@ -29,7 +29,6 @@ import robot as nao
 
 import bodyimage_kin as bk
 from bodyimage_kin import figures, metrics
-from bodyimage_kin._files import write_text
 from bodyimage_kin.body_image import PostureSOM
 from bodyimage_kin.calibration import Observed, calibrate
 
@@ -302,8 +301,8 @@ def main() -> None:
         "nearer_than_least_squares": pairs(circles, "map"),
     }
     asked.out.mkdir(parents=True, exist_ok=True)
-    write_text(asked.out / "results.json", json.dumps(results, indent=1) + "\n")
-    write_text(asked.out / "table.md", page(results))
+    (asked.out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    (asked.out / "table.md").write_text(page(results), encoding="utf-8")
     draw(setting, asked.out)
 
 

@@ -58,7 +58,7 @@ scores = {name: bk.score(one, body, seen, probes=probes).relative_error_use for 
 # Left, the arm; right, the error where it watched and over all of its joint space.
 
 figure, (left, bars) = plt.subplots(1, 2, figsize=(8.0, 3.4), layout="constrained", width_ratios=(1, 1.6))
-bk.figures.robot(body, ax=left)
+bk.figures.robot(body, ax=left).set_title("the arm at home")
 names = [str(name) for name in scores["analytic"].probe.values]
 for index, (name, errors) in enumerate(scores.items()):
     bars.bar(np.arange(len(names)) + 0.2 * index, errors.values, 0.18, label=bk.figures.label(name))

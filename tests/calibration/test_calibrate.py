@@ -10,7 +10,7 @@ import torch
 
 import bodyimage_kin as bk
 from bodyimage_kin import metrics
-from bodyimage_kin.calibration import Observed, Prior, calibrate
+from bodyimage_kin.calibration import Observed, Prior, calibrate, halves
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 
 
@@ -60,6 +60,20 @@ def test_draws_are_as_far_from_the_truth_as_they_are_from_each_other(off, found)
     apart = [face_error(found.body, one) for one in draws]
     assert 0.2 < np.median(errors) / np.median(apart) < 5.0
     assert [one.sha256 for one in found.draws(2)] == [one.sha256 for one in draws[:2]]
+
+
+def test_halves_of_what_was_seen_differ_about_as_much_as_draws(off, found):
+    one, other = halves(found)
+    q = off.touch_postures(range(0, 441, 7))
+    apart = metrics.pooled_relative_error(one.hand_image_jacobian(q).numpy(), other.hand_image_jacobian(q).numpy())
+    assert 0.0 < apart < 0.3
+    assert halves(found)[0].sha256 == one.sha256
+
+
+def test_the_file_it_was_read_from_is_kept_but_for_the_joints(body, found):
+    text = found.to_urdf()
+    assert bk.Robot.from_urdf(text).tree.joints == bk.Robot.from_urdf(found.robot.to_urdf()).tree.joints
+    assert text.count("<visual") == body.robot.source.decode().count("<visual") > 0
 
 
 def test_the_robot_that_was_found_is_read_alike_by_other_libraries(found):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import bench
 import pytest
+import studies
 import torch
 from bench import measure, others, processes, timing
 from bench.engines import arms, engines
@@ -144,3 +145,18 @@ def test_a_reproduction_that_does_not_exist_is_refused() -> None:
 def test_impossible_settings_are_refused(settings: dict) -> None:
     with pytest.raises(InvalidConfig, match="positive"):
         bench.Settings(**settings)
+
+
+def test_a_study_that_does_nothing_is_worked_off_and_its_page_says_what_was_measured(tmp_path: Path) -> None:
+    found = studies.study(20, 10).run(tmp_path, "in-process")
+    assert (found["failure"] == "").all()
+    assert (found["zero"] == 0.0).all()
+    assert found["failure"].size == 20
+    kept = Path(studies.__file__).parent
+    measured = json.loads((kept / "studies.json").read_text())
+    assert studies.table(measured["studies"]) in (kept / "studies.md").read_text()
+    for one in measured["studies"]:
+        assert one["driver"] / one["cells"] < 5e-3
+        if one["cells"] == 5000:
+            assert one["status"] < 2.0
+            assert (one["workers"] + one["driver"]) / one["cells"] < 10e-3

@@ -157,6 +157,7 @@ def test_a_calibrated_body_lends_its_doubt_to_every_score(body, circle):
     assert (sure.relative_error_sd < 1e-4).all()
     assert (unsure.relative_error_sd > 10 * sure.relative_error_sd).all()
     np.testing.assert_allclose(sure.relative_error, true.relative_error, rtol=1e-3)
+    assert (unsure.halves_apart > 10 * sure.halves_apart).all()
     assert "6 bodies" in unsure.attrs["truth"]
     # Out of sight the body is less known than in sight.
     assert unsure.relative_error_sd[1] / unsure.relative_error[1] > 0
