@@ -374,7 +374,9 @@ def _built(what: str, value: Any, hint: Any, folder: Path, body: Any) -> Any:
         # Of a class that is not ours the kind shows only once it is found.
         for kind in _KINDS:
             if name in kind.classes or (":" in name and kind.fits(named_object("spec", name, folder))):
-                return kind.build(value, folder, body)
+                # What wants a body cannot be built before there is one; its settings are looked at all the same.
+                lacking = body is None and kind.wants_body(value, folder)
+                return kind.table(value, folder) if lacking else kind.build(value, folder, body)
         raise InvalidConfig(f"{what}: {_short(name)} is no {', no '.join(kind.name for kind in _KINDS)}")
     if (cls := _only_dataclass(options)) is not None:
         return from_settings(cls, value, folder, what)

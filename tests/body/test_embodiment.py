@@ -332,6 +332,15 @@ def test_felt_postures_are_checked_against_the_limits(body):
     assert torch.equal(body.check_felt(body.felt_home), body.felt_home)
     with pytest.raises(InvalidPosture, match="joint 'left_elbow' is beyond its limits"):
         body.check_felt([1.0, 0.2, 0.5, -0.1, 0.0])
+    # Each end of each joint, to a nanoradian.
+    for bound, out in ((body.felt_robot.lower, -1.0), (body.felt_robot.upper, 1.0)):
+        for index, joint in enumerate(body.joints):
+            q = body.felt_home.clone()
+            q[index] = bound[index] + 0.9e-9 * out
+            body.check_felt(q)
+            q[index] = bound[index] + 2e-9 * out
+            with pytest.raises(InvalidPosture, match=f"joint '{joint}' is beyond its limits"):
+                body.check_felt(q)
 
 
 # The file -------------------------------------------------------------------------------------------------------------

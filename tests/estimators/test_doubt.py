@@ -1,7 +1,10 @@
 """Laws of uncertainty: covariances, draws, and promises that are kept as often as they say."""
 
+import math
+
 import numpy as np
 import pytest
+import scipy.stats
 import torch
 from experiences import scattered, taught
 
@@ -9,6 +12,7 @@ import bodyimage_kin as bk
 from bodyimage_kin import estimators
 from bodyimage_kin.errors import InvalidConfig, InvalidPosture, InvalidRecording
 from bodyimage_kin.estimators import Conformal, Drawn, Uncertain
+from bodyimage_kin.estimators._samples import pairs
 from bodyimage_kin.estimators.ridge import ridge_posterior
 
 RNG = np.random.default_rng(0)
@@ -283,3 +287,18 @@ def test_too_little_is_said(circle):
     for settings in ({"level": 1.0}, {"level": 0.0}, {"share": 0.0}, {"share": 0.9}):
         with pytest.raises(InvalidConfig, match=next(iter(settings))):
             Conformal(estimators.LeastSquares(), **settings)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95])
+def test_the_doubt_holds_one_more_of_what_was_kept_back_than_its_share(level):
+    """The rank of split conformal prediction, ``ceil((n + 1) level)``: with one less the promise is not kept."""
+    exp = cloud()
+    spec = Conformal(estimators.LeastSquares(), level)
+    learned = spec.fit(exp)
+    judged = pairs(spec._split(exp)[1])
+    away = judged.dr - learned.displacement(judged.q, judged.dq)
+    doubt = learned.displacement_covariance(judged.q, judged.dq)
+    squared = (away * torch.linalg.solve(doubt, away[..., None])[..., 0]).sum(-1)
+    # Of as much as lies on the border itself, rounding says nothing.
+    held = int((squared <= scipy.stats.chi2.ppf(level, 2) * (1.0 + 1e-4)).sum())
+    assert held == math.ceil((len(judged.dq) + 1) * level)

@@ -248,6 +248,8 @@ def test_blocks_stay_together():
     fold = grouped(block, 10)
     assert fold.tolist() == [1, 1, 0, 0, 0, 2, 3, 3]
     assert set(grouped(block, 2).tolist()) == {0, 1}
+    # Neighbouring numbers stay together: blocks are numbered along the recording.
+    assert grouped(torch.tensor([12, 0, 0, 5, 7, 9, 5, 12]), 2).tolist() == [1, 0, 0, 0, 0, 1, 0, 1]
     for one in block.unique():
         assert len(grouped(block, 2)[block == one].unique()) == 1
 

@@ -90,13 +90,15 @@ def test_small_errors_fill_their_panel(axes):
 
 
 def test_error_by_distance_has_medians_quartiles_and_the_zero_jacobian(axes):
-    errors = {"least_squares": np.stack([0.1 + TIME, 0.1 + TIME]), "other": TIME + 1, "absent": np.full(60, np.nan)}
+    # Lopsided in every bin, so that its quartiles are not as far from the median.
+    skewed = 0.1 + (TIME * 5 % 1 + np.floor(TIME * 5)) ** 4
+    errors = {"least_squares": np.stack([skewed, skewed]), "other": TIME + 1, "absent": np.full(60, np.nan)}
     figures.error_by_distance(TIME, errors, axes, named=["least_squares", "absent"], xlabel="distance [cm]")
     assert (axes.get_xlabel(), axes.get_yscale()) == ("distance [cm]", "log")
     (drawn,) = axes.containers
-    np.testing.assert_allclose(drawn.lines[0].get_ydata(), np.median((0.1 + TIME).reshape(5, 12), axis=1))
+    np.testing.assert_allclose(drawn.lines[0].get_ydata(), np.median(skewed.reshape(5, 12), axis=1))
     bars = np.array(drawn.lines[2][0].get_segments())[..., 1]
-    np.testing.assert_allclose(bars, np.quantile((0.1 + TIME).reshape(5, 12), [0.25, 0.75], axis=1).T)
+    np.testing.assert_allclose(bars, np.quantile(skewed.reshape(5, 12), [0.25, 0.75], axis=1).T)
     grey = next(line for line in axes.get_lines() if line.get_label() == "_: other")
     np.testing.assert_allclose(grey.get_ydata(), np.median((1 + TIME).reshape(5, 12), axis=1))
     assert "Jacobian of zeros" in [text.get_text() for text in axes.texts]

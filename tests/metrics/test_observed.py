@@ -148,7 +148,8 @@ def test_stated_noise_of_encoders_goes_through_the_jacobian():
     noisy = np.einsum("nmp,np->nm", J, RNG.normal(0, encoder, q.shape)) + RNG.normal(0, sd, (len(q), 2))
     expected = np.sqrt((noisy**2).sum(-1).mean())
     assert metrics.stated_noise(2, sd, encoder, J) == pytest.approx(expected, rel=0.02)
-    assert metrics.stated_noise(2, sd) == pytest.approx(np.sqrt(2) * sd)
+    for m in (1, 2, 3, 4):
+        assert metrics.stated_noise(m, sd) == pytest.approx(np.sqrt(m) * sd, rel=1e-12)
 
 
 # Directions -----------------------------------------------------------------------------------------------------------

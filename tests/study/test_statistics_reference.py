@@ -58,7 +58,7 @@ def test_an_interval_is_bias_corrected_and_accelerated(strata: list[np.ndarray],
     assert apart > 0.05 * width
 
 
-@pytest.mark.parametrize("sample", [SKEWED, LESS, np.array([0.1, 0.2, 0.9, 0.15])])
+@pytest.mark.parametrize("sample", [SKEWED, LESS, np.array([0.1, 0.2, 0.9, 0.15, 0.3, 0.12, 0.5, 0.22])])
 def test_an_interval_is_the_one_of_scipy(sample: np.ndarray) -> None:
     found = statistics.interval(sample, level=0.9, resamples=4000, seed=3)
     rng = np.random.default_rng(3)
