@@ -27,8 +27,10 @@ ESTIMATORS = (
     "NearestNeighbours",
     "LocallyWeighted",
     "Polynomial",
+    "RationalPolynomial",
     "TrigRidge",
     "RationalTrig",
+    "KernelRidge",
     "GaussianProcess",
 )
 """One of each kind that learns from a few hundred postures in seconds."""
@@ -51,7 +53,7 @@ class Score(Reading):
     robot: MaybeEmbodiment = None
     """Its embodiment: a name, or the path of a TOML file."""
     estimators: Names = ()
-    """Names of estimators, or package.module:Class; nothing: eight of them."""
+    """Names of estimators, or package.module:Class; nothing: ten of them."""
     folds: Annotated[int, arg(metavar="N")] = 5
     """Parts of the recording that are hidden in turn."""
     noise: MaybeNumber = None

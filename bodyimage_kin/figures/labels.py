@@ -26,6 +26,7 @@ LABELS: Mapping[str, str] = {
     "trig_ridge": "trigonometric ridge",
     "polynomial": "polynomial",
     "rational_polynomial": "rational polynomial",
+    "kernel_ridge": "kernel ridge",
     "nominal": "nominal body",
     "rational_trig": "rational trigonometric",
     "gaussian_process": "Gaussian process",

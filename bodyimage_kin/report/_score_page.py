@@ -90,10 +90,10 @@ def _sentences(rows: xr.Dataset, ranked: Sequence[str], against: Mapping[str, xr
 
 
 def _picture(rows: xr.Dataset) -> Picture:
-    means = xr.concat([rows[f"pair_error_relative{end}"] for end in ("", "_lower", "_upper")], "end")
-    means = means.expand_dims(probe=["held_out"]).transpose("estimator", "probe", "end")
-    ends = [means.isel(end=index, drop=True) for index in range(3)]
-    data = xr.Dataset(dict(zip(("mean", "lower", "upper"), ends, strict=True)))
+    found = xr.concat([rows[f"pair_error_relative{end}"] for end in ("", "_lower", "_upper")], "end")
+    found = found.expand_dims(probe=["held_out"]).transpose("estimator", "probe", "end")
+    ends = [found.isel(end=index, drop=True) for index in range(3)]
+    data = xr.Dataset(dict(zip(("median", "lower", "upper"), ends, strict=True)))
 
     def draw() -> Figure:
         figure, grid = figures.panels(1, 1, height=0.9 + 0.2 * data.sizes["estimator"])

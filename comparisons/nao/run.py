@@ -1,8 +1,8 @@
-"""A real NAO touches its torso: ``python comparisons/nao/run.py --data FOLDER``, tables and a figure beside this file.
+"""A real NAO touches itself: ``python comparisons/nao/run.py --data FOLDER``, tables and a figure beside this file.
 
-FOLDER has ``nao/`` with ``torso_rightFinger.mat`` and the folder ``Transformations``, both of the robot ``nao`` in
-``ctu-vras/multirobot-calibration`` (``UserData/Robots``) on GitHub. Some three minutes on two quiet cores; ``--quick``
-for a first look at two circles.
+FOLDER has ``nao/`` with ``torso_rightFinger.mat``, ``head_leftFinger.mat`` and the folder ``Transformations``, all of
+the robot ``nao`` in ``ctu-vras/multirobot-calibration`` (``UserData/Robots``) on GitHub. Some three minutes a part on
+two quiet cores; ``--quick`` for a first look at two circles.
 
 The touches are cut into 20 contiguous blocks. On every second one the body is calibrated; on the others, held out, the
 real skin is mapped. What is learned is learned on circles that the calibrated arm draws in simulation.
@@ -29,6 +29,7 @@ import robot as nao
 
 import bodyimage_kin as bk
 from bodyimage_kin import figures, metrics
+from bodyimage_kin.body.clusters import touched_place
 from bodyimage_kin.body_image import PostureSOM
 from bodyimage_kin.calibration import Observed, calibrate
 
@@ -95,10 +96,38 @@ def estimators(setting: Setting) -> dict[str, Any]:
     }
 
 
-def calibrated(data: Path, quick: bool) -> tuple[dict[str, Any], bk.Embodiment, bk.Embodiment, xr.Dataset]:
-    """The held-out error of each number of parameters, the chosen body, the drawn one, and the touches to be mapped."""
-    drawn = nao.nominal(nao.TORSO, data)
-    every = nao.touches(nao.TORSO, drawn, data, BLOCKS)
+def trusted(drawn: bk.Embodiment, every: xr.Dataset) -> tuple[xr.Dataset, dict[str, int]]:
+    """The touches without those of a stuck taxel or a finger that is elsewhere, and how many these are.
+
+    A posture that comes back more than thrice is one in which a taxel stays on. Once the finger is fitted, robustly and
+    on every second block, a touch counts as elsewhere beyond the median distance and five robust standard deviations.
+    """
+    _, same, times = np.unique(every["q"].values[0].round(3), axis=0, return_inverse=True, return_counts=True)
+    stuck = times[same.ravel()] > 3
+    left = every.isel(time=np.flatnonzero(~stuck))
+    even = np.flatnonzero(left["block"].values[0] % 2 == 0)
+    fit = calibrate(drawn, Observed(left.isel(time=even), use=["touches"]), free=["hand"], folds=2)
+    skin = fit.body.require_skin()
+    tips = fit.body.hand_in_skin(left["q"].values[0]).numpy()
+    places = [touched_place(skin.link_positions, active) for active in left["touched"].values[0]]
+    away = np.array(
+        [
+            np.nan if at is None else np.linalg.norm(tip - skin.link_positions[at].mean(0))
+            for tip, at in zip(tips, places, strict=True)
+        ]
+    )
+    middle = np.nanmedian(away)
+    far = away > middle + 5 * 1.4826 * np.nanmedian(np.abs(away - middle))
+    counts = {"touches": every.sizes["time"], "stuck": int(stuck.sum()), "elsewhere": int(far.sum())}
+    return left.isel(time=np.flatnonzero(~far)), counts
+
+
+def calibrated(
+    what: nao.Touched, data: Path, quick: bool
+) -> tuple[dict[str, Any], bk.Embodiment, bk.Embodiment, xr.Dataset]:
+    """What was found of the body, the chosen one, the drawn one, and the touches to be mapped."""
+    drawn = nao.nominal(what, data)
+    every, counts = trusted(drawn, nao.touches(what, drawn, data, BLOCKS))
     odd = every["block"].values[0] % 2 == 1
     fitted, mapped = (every.isel(time=np.flatnonzero(rows)) for rows in (~odd, odd))
     # Five folds of contiguous blocks suffice.
@@ -114,7 +143,11 @@ def calibrated(data: Path, quick: bool) -> tuple[dict[str, Any], bk.Embodiment, 
             body = fit.body
     assert body is not None
     eye = nao.eye(body.require_skin())
-    return found, nao.seen_by(body, eye), nao.seen_by(drawn, eye), mapped
+    told = {
+        "touches": counts | {"calibrated": fitted.sizes["time"], "mapped": mapped.sizes["time"]},
+        "calibration": found,
+    }
+    return told, nao.seen_by(body, eye), nao.seen_by(drawn, eye), mapped
 
 
 def circle(setting: Setting, seed: int) -> dict[str, list[dict[str, float]]]:
@@ -246,7 +279,7 @@ def page(results: Mapping[str, Any]) -> str:
 
 
 @figures.style()
-def draw(setting: Setting, folder: Path) -> None:
+def draw(setting: Setting, file: Path) -> None:
     """The skin coloured by its touches, and maps of the first circle over the true places."""
     body, touches = setting.body, setting.touches
     skin = body.require_skin()
@@ -274,36 +307,36 @@ def draw(setting: Setting, folder: Path) -> None:
         axes.set_title(name)
     figures.letters(grid.flat)
     # A picture alone: a file with the values would hold the published places.
-    figure.savefig(folder / "maps.png", dpi=110)
+    figure.savefig(file, dpi=110)
 
 
 def main() -> None:
-    """Writes results.json, table.md and maps.png."""
+    """Writes PART.json, PART.md and PART.png for each part that is touched."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder of the recordings")
     parser.add_argument("--circles", type=int, default=20, help="recordings that are learned from (default: 20)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--quick", action="store_true", help="two circles, one calibration")
+    parser.add_argument(
+        "--parts", nargs="+", default=["torso", "head"], choices=["torso", "head"], help="what is touched"
+    )
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, help="folder of the results")
     asked = parser.parse_args()
-    if not (asked.data / "nao" / nao.TORSO.file).is_file():
-        parser.exit(0, f"skipped: there is no nao/{nao.TORSO.file} in {asked.data}; --help says where it is from\n")
-    calibration, body, drawn, mapped = calibrated(asked.data, asked.quick)
-    setting = Setting(body, drawn, mapped, RESAMPLES)
-    with ProcessPoolExecutor(asked.workers) as pool:
-        circles = list(pool.map(partial(circle, setting), range(2 if asked.quick else asked.circles)))
-    results = {
-        "circles": len(circles),
-        "resamples": RESAMPLES,
-        "touches": {"calibrated": 1075 - mapped.sizes["time"], "mapped": mapped.sizes["time"]},
-        "calibration": calibration,
-        "scores": summary(circles),
-        "nearer_than_least_squares": pairs(circles, "map"),
-    }
+    recordings = {"torso": nao.TORSO, "head": nao.HEAD}
     asked.out.mkdir(parents=True, exist_ok=True)
-    (asked.out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-    (asked.out / "table.md").write_text(page(results), encoding="utf-8")
-    draw(setting, asked.out)
+    for part in asked.parts:
+        what = recordings[part]
+        if not (asked.data / "nao" / what.file).is_file():
+            parser.exit(0, f"skipped: there is no nao/{what.file} in {asked.data}; --help says where it is from\n")
+        told, body, drawn, mapped = calibrated(what, asked.data, asked.quick)
+        setting = Setting(body, drawn, mapped, RESAMPLES)
+        with ProcessPoolExecutor(asked.workers) as pool:
+            circles = list(pool.map(partial(circle, setting), range(2 if asked.quick else asked.circles)))
+        scores = {"scores": summary(circles), "nearer_than_least_squares": pairs(circles, "map")}
+        results = {"circles": len(circles), "resamples": RESAMPLES, **told, **scores}
+        (asked.out / f"{part}.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        (asked.out / f"{part}.md").write_text(page(results), encoding="utf-8")
+        draw(setting, asked.out / f"{part}.png")
 
 
 if __name__ == "__main__":
