@@ -45,6 +45,8 @@ _SHARE, _LARGEST_PATCH, _FACE = 0.6, 0.12, 0.05
 _RADIUS = (0.01, 0.04)
 _CLEAR = 0.002  # [m] between the deepest hand that touches and the nearest that is seen
 _EYES = ("right_eye", "righteye", "r_eye", "eye_right", "eye", "camera", "_cam", "head", "skull", "face")
+_ARMS = ("hand", "wrist", "arm", "grip", "finger")
+"""Parts of names of links that carry other cameras."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,9 @@ def _eye_link(robot: Robot, camera: str | None, said: list[str]) -> str:
     if camera is not None:
         return robot.check_link(camera)
     for part in _EYES:
-        named = [link for link in robot.link_names if part in link.lower()]
+        named = [
+            link for link in robot.link_names if part in link.lower() and not any(one in link.lower() for one in _ARMS)
+        ]
         if named:
             # Of several the outermost one with a shape: necks and mounts are named after heads too.
             link = max(named, key=lambda one: (_has_shape(robot, one), len(robot.path(one))))

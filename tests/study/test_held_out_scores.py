@@ -10,7 +10,7 @@ import bodyimage_kin as bk
 from bodyimage_kin import metrics
 from bodyimage_kin.calibration import Prior, calibrate
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording
-from bodyimage_kin.estimators import Analytic, Broyden, LeastSquares, RationalTrig, TrigRidge
+from bodyimage_kin.estimators import Analytic, Broyden, Estimator, LeastSquares, RationalTrig, TrigRidge
 
 
 def scattered(body, noise=0.0, repeats=1, seed=0, rows=120):
@@ -41,6 +41,27 @@ def test_one_estimator_or_its_name_has_the_scores_that_it_has_among_others(body)
     for alone in (bk.score(LeastSquares(), None, exp), bk.score("LeastSquares", None, exp)):
         assert float(alone.pair_error) == float(among.pair_error)
         assert "estimator" not in alone.dims
+
+
+class Witness(Estimator):
+    """Learns as least squares, and remembers what it was shown."""
+
+    def __init__(self):
+        self.shown = []
+
+    def fit(self, exp, seed=0):
+        self.shown.append(np.isfinite(exp["hand_image"].values).all(-1))
+        return LeastSquares().fit(exp, seed)
+
+
+def test_what_is_foretold_was_never_shown(circle):
+    witness = Witness()
+    bk.score({"witness": witness}, None, circle)
+    seen = np.isfinite(circle["hand_image"].values).all(-1)
+    hidden = [seen & ~shown for shown in witness.shown]
+    assert len(hidden) == 5
+    assert all(one.any() for one in hidden)
+    np.testing.assert_array_equal(np.sum(hidden, axis=0), seen)
 
 
 def test_noise_is_told_by_repeats_and_taken_off(body):
