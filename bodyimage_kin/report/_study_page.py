@@ -31,7 +31,7 @@ from bodyimage_kin.report._results import (
     title_of,
 )
 from bodyimage_kin.study import summary
-from bodyimage_kin.study.scores import PARTS, SCORES
+from bodyimage_kin.study.scores import PARTS
 from bodyimage_kin.study.statistics import PUBLISHED
 
 _TOGETHER = 6
@@ -353,7 +353,7 @@ def _face(one: xr.Dataset, place: str, results: xr.Dataset, embodiment: str, cho
     def draw(score: str, axes: Axes) -> None:
         title, limits = shown[score]
         values = face[score].sel(estimator=chosen).mean("seed").values[: math.prod(shape)].reshape(shape)
-        factor = 1000.0 if SCORES[score].units == "m" else 1.0
+        factor = 1000.0 if face[score].attrs.get("units") == "m" else 1.0
         figures.grid(values * factor, axes, label=title, limits=limits)
 
     draws = [partial(draw, score) for score in shown]

@@ -29,7 +29,7 @@ from bodyimage_kin.recordings import experience, simulate_many
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study.blocks import Block
 from bodyimage_kin.study.calls import Step
-from bodyimage_kin.study.context import Context, Score, WrongResult
+from bodyimage_kin.study.context import Context, Score, WrongResult, image_unit
 from bodyimage_kin.study.facts import SHARED_MAPS
 from bodyimage_kin.study.grid import ROLES, Row, Simulation
 from bodyimage_kin.study.parts import Part
@@ -181,8 +181,7 @@ def _record(block: Block, store: Store, write: Callable[..., None]) -> str:
         ]
     except (Exception, SystemExit) as problem:
         return said(problem)
-    axis = loaded["training"][0].coords.get("axis")
-    part = _part(block, block.identity(), facts, found, axis=axis)
+    part = _part(block, block.identity(), facts, found, seen=loaded["training"][0])
     part.notes["kept"] = [one.name for one in facts[: len(block.settings["facts"])]]
     write(store.write_recordings, block, part, recordings)
     return ""
@@ -220,8 +219,8 @@ def _learn(block: Block, name: str, table: Table, twice: bool = False) -> Part |
             failures[index] = "NotDeterministic: the same experience and seed led to other scores the second time"
         if failures[index]:
             runs[0][index] = None
-    axis = recordings["training"][0].coords.get("axis")
-    return _part(block, block.identity(name, block.config(table)), asked, runs[0], failures, axis)
+    seen = recordings["training"][0]
+    return _part(block, block.identity(name, block.config(table)), asked, runs[0], failures, seen)
 
 
 @lru_cache(maxsize=8)
@@ -417,17 +416,17 @@ def _part(
     asked: Sequence[Score],
     found: Sequence[tuple[dict[str, Any], dict[str, str]] | None],
     failures: Sequence[str] = (),
-    axis: Any = None,
+    seen: xr.Dataset | None = None,
 ) -> Part:
-    """What was found of each seed, as a file holds it."""
+    """What was found of each seed, as a file holds it; ``seen``, one that was learned from, says what images are."""
     arrays, variables, labels = {}, {}, {"probe": list(block.settings["probes"])}
-    if axis is not None:
-        labels["axis"] = [str(one) for one in axis.values]
+    if seen is not None and "axis" in seen.coords:
+        labels["axis"] = [str(one) for one in seen["axis"].values]
     for score in asked:
         values = [one[0].get(score.name) if one is not None else None for one in found]
         if any(value is not None for value in values):
             arrays[score.name] = padded(values)
-            variables[score.name] = [list(score.dims), score.attributes]
+            variables[score.name] = [list(score.dims), score.attributes(image_unit(seen))]
             labels |= {dim: list(map(str, names)) for dim, names in (score.labels or {}).items()}
     lacking = {key: why for one in found if one is not None for key, why in one[1].items()}
     notes = {"variables": variables, "labels": labels, "left_out": lacking, "versions": versions()}

@@ -34,13 +34,22 @@ from bodyimage_kin.study.grid import Row, Simulation
 from bodyimage_kin.study.specs import plain_name
 from bodyimage_kin.study.store import padded
 
-__all__ = ["Context", "Fact", "Score", "WrongResult", "answers", "checked"]
+__all__ = ["IMAGE", "Context", "Fact", "Score", "WrongResult", "answers", "checked", "image_unit"]
 
 _CHUNK = 5000
 """Postures at which Jacobians are asked for at once: bounds the memory of wide probes."""
 _LARGEST = 1e150
 """Beyond it a square is not finite, nor is any score."""
 _NEEDED = ("body", "skin", "truth", "learned", "use", "true_use", "tour", "maps")
+
+
+IMAGE = "image"
+"""Units of a score that is in those of the hand image: metres on a virtual screen, pixels of a lens."""
+
+
+def image_unit(seen: xr.Dataset | None) -> str:
+    """What the images of a recording are in; metres where nothing says it."""
+    return "m" if seen is None or "hand_image" not in seen else str(seen["hand_image"].attrs.get("units", "m"))
 
 
 class WrongResult(BodyImageKinError):
@@ -285,7 +294,7 @@ class Score:
         dims: Beside embodiment, recording, estimator and seed.
         long_name: What it is.
         of: Numbers (or text) of these dimensions, from the context.
-        units: ``"1"`` where it has none.
+        units: ``"1"`` where it has none; :data:`IMAGE` where it is that of the hand image.
         needs: What must be there (:attr:`Context.has`); where it is not, the score is left out.
         labels: Dimension -> names along it; of ``probe`` and ``axis`` they are known.
         source: Where its formula is.
@@ -310,10 +319,13 @@ class Score:
             if need not in _NEEDED:
                 raise UnknownName(f"need of score '{self.name}'", need, _NEEDED)
 
-    @property
-    def attributes(self) -> dict[str, str]:
-        """As attributes of a variable."""
-        found = {"long_name": self.long_name, "units": self.units}
+    def attributes(self, image_unit: str) -> dict[str, str]:
+        """As attributes of a variable.
+
+        Args:
+            image_unit: What hand images are in.
+        """
+        found = {"long_name": self.long_name, "units": image_unit if self.units == IMAGE else self.units}
         return found | ({"source": f"bodyimage_kin.metrics.{self.source}"} if self.source else {})
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from bodyimage_kin import metrics
 from bodyimage_kin.metrics import probes
-from bodyimage_kin.study.context import Context, Fact
+from bodyimage_kin.study.context import IMAGE, Context, Fact
 from bodyimage_kin.study.scores import of_maps
 from bodyimage_kin.study.store import padded
 
@@ -95,7 +95,7 @@ FACTS: Mapping[str, Fact] = {
         Fact(
             "direct_map_error_to_truth", (),
             "distance of the map of direct sight from the true taxels: the kernel's share",
-            of_maps("map_error_to_truth"), "m", needs=_MAPS, optional=True,
+            of_maps("map_error_to_truth"), IMAGE, needs=_MAPS, optional=True,
         ),
         Fact(
             "direct_map_span", ("axis",), "extent of the map of direct sight over the true one",
@@ -107,12 +107,12 @@ FACTS: Mapping[str, Fact] = {
         ),
         Fact(
             "direct_map", ("first_map", "row", "column", "axis"), "map of direct sight",
-            lambda context: padded([_rows_and_columns(one.tactile_map) for one in context.maps]), "m", needs=_MAPS,
+            lambda context: padded([_rows_and_columns(one.tactile_map) for one in context.maps]), IMAGE, needs=_MAPS,
             optional=True,
         ),
         Fact(
             "direct_posture_map", ("first_map", *_UNITS, "axis"), "posture map of direct sight",
-            lambda context: padded([one.posture_map for one in context.maps]), "m", needs=_MAPS, optional=True,
+            lambda context: padded([one.posture_map for one in context.maps]), IMAGE, needs=_MAPS, optional=True,
         ),
         Fact(
             "posture_units", (*_UNITS, "joint"), "representative postures of the posture map",

@@ -28,7 +28,7 @@ class Part:
     """One thing in a file.
 
     Attributes:
-        identity: What it is (:meth:`bodyimage_kin.study.grid.Block.identity`).
+        identity: What it is (:meth:`bodyimage_kin.study.blocks.Block.identity`).
         arrays: Name -> numbers, or text; the first axis is the block's seeds.
         notes: What else is to be kept, as JSON says it.
     """

@@ -173,7 +173,7 @@ class _Collected:
         """Names what must be in the result even if nothing of it was computed."""
         for name in names:
             if name in SCORES and name not in self.kinds:
-                self.kinds[name] = (list(SCORES[name].dims), SCORES[name].attributes)
+                self.kinds[name] = (list(SCORES[name].dims), SCORES[name].attributes("m"))
                 for dim, values in (SCORES[name].labels or {}).items():
                     self.labels.setdefault(dim, list(values))
 

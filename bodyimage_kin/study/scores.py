@@ -13,7 +13,7 @@ from bodyimage_kin import metrics
 from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.study import maps
-from bodyimage_kin.study.context import Context, Score, answers, checked
+from bodyimage_kin.study.context import IMAGE, Context, Score, answers, checked
 from bodyimage_kin.study.store import padded
 
 __all__ = ["CAUSES", "MAP_SCORES", "PARTS", "SCORES", "of_maps"]
@@ -192,7 +192,7 @@ SCORES: Mapping[str, Score] = {
             _of_velocities(metrics.velocity_nrmse), needs=_TOUR, source="velocity_nrmse",
         ),
         Score(
-            "trajectory_rmse", (), "position error of the integrated tour", _trajectory_rmse, "m",
+            "trajectory_rmse", (), "position error of the integrated tour", _trajectory_rmse, IMAGE,
             needs=_TOUR, source="trajectory_rmse",
         ),
         Score(
@@ -249,16 +249,16 @@ SCORES: Mapping[str, Score] = {
         ),
         Score(
             "trajectory_split", ("cause",),
-            "parts of the position error of the tour integrated from true postures", _trajectory_split, "m",
+            "parts of the position error of the tour integrated from true postures", _trajectory_split, IMAGE,
             needs=_TOUR, labels={"cause": CAUSES}, source="error_split", ratio=False, optional=True,
         ),
         Score(
             "basin_by_posture", _BY_POSTURE,
             "distance on the screen from which a servo still converges; of probes of the face only", _basin_by_posture,
-            "m", needs=(*_AT_PROBES, "skin"), source="servo_basin", ratio=False, optional=True,
+            IMAGE, needs=(*_AT_PROBES, "skin"), source="servo_basin", ratio=False, optional=True,
         ),
         Score(
-            "touch_trajectory_rmse", (), "position error of the integrated touching", _touch_trajectory_rmse, "m",
+            "touch_trajectory_rmse", (), "position error of the integrated touching", _touch_trajectory_rmse, IMAGE,
             needs=("true_use",), source="trajectory_rmse", optional=True,
         ),
         Score(
@@ -267,7 +267,7 @@ SCORES: Mapping[str, Score] = {
         ),
         Score(
             "map_error_to_truth", (), "distance of the map from the true taxels, the kernel's share included",
-            of_maps("map_error_to_truth"), "m", needs=_MAPS, optional=True,
+            of_maps("map_error_to_truth"), IMAGE, needs=_MAPS, optional=True,
         ),
         Score(
             "map_topological_error", (), "taxels out of order with a neighbour", of_maps("map_topological_error"),

@@ -20,7 +20,7 @@ from bodyimage_kin.estimators.analytic import AnalyticJacobian
 from bodyimage_kin.metrics import probes as probe_specs
 from bodyimage_kin.recordings import check
 from bodyimage_kin.study.blocks import stream
-from bodyimage_kin.study.context import Context, Score
+from bodyimage_kin.study.context import Context, Score, image_unit
 from bodyimage_kin.study.facts import FACTS
 from bodyimage_kin.study.held_out import held_out_scores, learned_scores
 from bodyimage_kin.study.scores import SCORES
@@ -150,7 +150,7 @@ def score(
     variables = {}
     for one in asked:
         if one.name in found:
-            variables[one.name] = (one.dims, found[one.name], one.attributes)
+            variables[one.name] = (one.dims, found[one.name], one.attributes(image_unit(seen)))
             labels |= {dim: list(values) for dim, values in (one.labels or {}).items()}
     used = {dim for dims, _, _ in variables.values() for dim in dims}
     return xr.Dataset(
