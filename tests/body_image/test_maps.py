@@ -237,6 +237,16 @@ def test_posture_som_represents_postures_and_ignores_units_of_joints():
     np.testing.assert_allclose(still.postures, 1.0)
 
 
+def test_the_posture_som_is_of_touching_postures_alone():
+    taxels = np.where(np.arange(400) % 2 == 0, np.random.default_rng(2).integers(0, 4, 400), -1)
+    q = np.random.default_rng(3).uniform(-0.1, 0.1, (1, 400, 3))
+    far = q.copy()
+    far[0, taxels < 0] += 100.0
+    body, other = (small(experience(taxels, one), np.zeros((1, 400, 2))) for one in (q, far))
+    np.testing.assert_array_equal(body.postures, other.postures)
+    assert np.abs(other.postures).max() < 0.1
+
+
 def test_posture_map_is_learned_by_the_winning_posture(sight):
     exp, hand = sight[0].isel(time=slice(400)), sight[1][:, :400]
     som = PostureSOM.fit(exp.q.values[0], (3, 3))

@@ -109,6 +109,21 @@ def test_networks_hold_out_the_share_they_say(spec, share, circle, monkeypatch):
     assert torch.equal(held, chosen(arcs(count, 10), share))
 
 
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: type(spec).__name__)
+def test_recordings_of_unlike_blocks_are_held_out_each_by_its_own(spec, circle):
+    """Of one length, and so learned side by side; what one holds out the other may learn."""
+    count = circle.sizes["time"]
+    numbers = np.arange(count) * 10 // count
+    exps = [
+        bk.experience(circle.assign(block=(("trial", "time"), block[None])))
+        for block in (numbers, np.roll(numbers, count // 20))
+    ]
+    spec = dataclasses.replace(spec, steps=5)
+    for one, exp in zip(spec.fit_many(exps, [0, 0]), exps, strict=True):
+        for layer, alone in zip(one.layers, spec.fit(exp, 0).layers, strict=True):
+            torch.testing.assert_close(layer, alone, rtol=1e-9, atol=1e-12)
+
+
 def test_other_seeds_are_other_networks(circle):
     exp = bk.experience(circle)
     spec = ForwardNetwork(hidden=(4,), steps=3)

@@ -180,6 +180,13 @@ def test_a_motion_can_be_read_back_from_its_recording(body, motion):
     assert (config["dynamics"], config["seed"], config["trials"]) == (False, 7, 2)
 
 
+def test_the_noise_is_stated_each_kind_by_its_name(body):
+    recording = bk.simulate(body, Circle(turns=0.1), dynamics=False, noise=bk.Noise(encoder=1e-3, image=2e-4))
+    assert (recording.attrs["encoder_noise"], recording.attrs["image_noise"]) == (1e-3, 2e-4)
+    quiet = bk.simulate(body, Circle(turns=0.1), dynamics=False)
+    assert (quiet.attrs["encoder_noise"], quiet.attrs["image_noise"]) == (0.0, 0.0)
+
+
 def test_the_settings_of_the_drag_are_kept(body):
     drag = bk.Drag(stiffness=80.0, friction=0.1)
     recording = bk.simulate(body, Circle(turns=0.1), dynamics=drag, noise=bk.Noise(torque=0.1))
