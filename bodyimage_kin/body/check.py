@@ -264,6 +264,20 @@ def _dynamics(body: Embodiment) -> Iterator[Finding]:
     if any(why):
         said = ", ".join(filter(None, why))
         yield Finding("note", "dynamics", f"the arm cannot be dragged: {said}; simulate with dynamics=False")
+        return
+    pointlike = [
+        link
+        for link in moving.link_names
+        if any(joint.kind != "fixed" for joint in moving.path(link))
+        and (inertial := body.robot.geometry[link].inertial) is not None
+        and inertial.mass > 0.0
+        and not any(inertial.moments or ())
+    ]
+    if pointlike:
+        told = ", ".join(map(repr, pointlike[:5])) + (" ..." if len(pointlike) > 5 else "")
+        yield Finding(
+            "note", "dynamics", f"{told} have a mass and no inertia: dragged as balls of water; give them <inertia>"
+        )
 
 
 def _meshes(body: Embodiment, folder: Path | None) -> Iterator[Finding]:

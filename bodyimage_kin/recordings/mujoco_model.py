@@ -32,6 +32,7 @@ _GEOMS = {
     "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
 }
 LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-9
+_WATER = 1000.0  # [kg/m^3]
 """Of links that weigh nothing between two joints [kg, kg m^2]: MuJoCo moves no massless body."""
 NO_LIMIT = 1e9
 """Stands for the missing limit of a joint that has one only [rad or m]."""
@@ -67,8 +68,15 @@ class _Body:
         for m, c, inertia in zip(self.masses, self.centres, self.inertias, strict=True):
             arm = c - centre
             total += inertia + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        if np.abs(total).max() < 1e-3 * LEAST_INERTIA:
+            total = _ball_of_water(mass) * np.eye(3)
         self.element.mass, self.element.ipos = mass, centre
         self.element.fullinertia = [*np.diag(total), total[0, 1], total[0, 2], total[1, 2]]
+
+
+def _ball_of_water(mass: float) -> float:
+    """Moment of inertia of a ball of water [kg m^2], which stands for that of a link whose file says zero."""
+    return 0.4 * mass * (3.0 * mass / (4.0 * math.pi * _WATER)) ** (2.0 / 3.0)
 
 
 def build(

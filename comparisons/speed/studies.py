@@ -134,6 +134,18 @@ def table(found: list[dict[str, float]]) -> str:
     return "\n".join(lines)
 
 
+def page(machine: dict[str, Any], found: list[dict[str, float]]) -> str:
+    """The page."""
+    return (
+        "# What a study costs beside its compute\n\n"
+        f"Written by `python comparisons/speed/studies.py`; one worker, {machine['cores']} cores, Python "
+        f"{machine['python']}, load {machine['busy']:.1f} meanwhile. "
+        "Run, wall, `--status` and `read_study` are wall time, "
+        "which a busy machine stretches;\ndriver, worker and what stands in brackets are processor time.\n\n"
+        + table(found)
+    )
+
+
 def main() -> None:
     """Measures every size, each in a process of its own, and writes what came of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -154,9 +166,7 @@ def main() -> None:
     machine = {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count()}
     machine |= {"python": platform.python_version(), "busy": os.getloadavg()[1]}
     (asked.out / "studies.json").write_text(json.dumps({"machine": machine, "studies": found}, indent=1) + "\n")
-    text = "# What a study costs beside its compute\n\nWritten by `python comparisons/speed/studies.py`; one worker, "
-    text += f"{machine['cores']} cores, Python {machine['python']}, load {machine['busy']:.1f} meanwhile.\n\n"
-    (asked.out / "studies.md").write_text(text + table(found))
+    (asked.out / "studies.md").write_text(page(machine, found))
 
 
 if __name__ == "__main__":

@@ -64,3 +64,12 @@ def test_a_robot_of_a_package_that_is_not_there_is_said_with_the_remedy(tmp_path
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
     with pytest.raises(bk.errors.BodyImageKinError, match="left_shoulder_pitch_joint"):
         bk.load_embodiment(tmp_path / "my.toml")
+
+
+@installed
+def test_links_with_a_mass_and_no_inertia_are_dragged_and_said():
+    body = bk.load_embodiment("icub")
+    found = [str(one) for one in bk.body.check_embodiment(body)]
+    assert any("'l_wrist_1' have a mass and no inertia" in one for one in found)
+    seen = bk.simulate(body, bk.motions.Circle(turns=0.1), dynamics=True)
+    assert bool(seen.hand_image.notnull().all())

@@ -154,9 +154,10 @@ def test_a_study_that_does_nothing_is_worked_off_and_its_page_says_what_was_meas
     assert found["failure"].size == 20
     kept = Path(studies.__file__).parent
     measured = json.loads((kept / "studies.json").read_text())
-    assert studies.table(measured["studies"]) in (kept / "studies.md").read_text()
+    assert studies.page(measured["machine"], measured["studies"]) == (kept / "studies.md").read_text()
     for one in measured["studies"]:
         assert one["driver"] / one["cells"] < 5e-3
         if one["cells"] == 5000:
-            assert one["status"] < 2.0
-            assert (one["workers"] + one["driver"]) / one["cells"] < 10e-3
+            # Processor time: wall time is of the machine's other work as well. A worker's start is in it.
+            assert one["status_processor"] < 1.0
+            assert (one["workers"] + one["driver"]) / one["cells"] < 5e-3

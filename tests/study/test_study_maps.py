@@ -11,7 +11,7 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
-from bodyimage_kin.study import Simulation, Study, grid, recording_of, scores, scoring
+from bodyimage_kin.study import Simulation, Study, blocks, recording_of, scores, scoring
 from bodyimage_kin.study.maps import true_map
 
 ASKED = ("relative_error_use", "trajectory_rmse", *scores.MAP_SCORES)
@@ -47,7 +47,7 @@ def by_hand(store, seed, body, first_maps):
     learned = bk.estimators.LeastSquares().fit(bk.experience(training))
     felt = bk.experience(touch)
     hand = bk.integrate(felt, learned)
-    som_seed, *seeds = grid.stream(0, f"infant/still/{seed}/first maps", 1 + first_maps)
+    som_seed, *seeds = blocks.stream(0, f"infant/still/{seed}/first maps", 1 + first_maps)
     q = felt["q"].values[0][felt["touched"].values[0, :, 0] >= 0]
     seen = training["hand_image"].values.reshape(-1, 2)
     settings = {
