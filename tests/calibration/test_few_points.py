@@ -1,4 +1,4 @@
-"""What little evidence must not turn over: a tracker that saw the hand in one plane, candidates that differ by a joint."""
+"""What little evidence must not turn over: a tracker that saw one plane, candidates that differ by a joint."""
 
 from __future__ import annotations
 
