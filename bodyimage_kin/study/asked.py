@@ -135,7 +135,13 @@ class Reader:
             )
         written = False if dynamics is False else specs.settings_of(dynamics)
         found |= {"dynamics": written, "noise": specs.settings_of(noise)}
-        checked = Simulation(None, dynamics=dynamics, noise=noise, stream=parts.get("stream", ""))
+        try:
+            checked = Simulation(
+                None, dynamics=dynamics, noise=noise, stream=parts.get("stream", ""),
+                touch_seen=parts.get("touch_seen", True),
+            )  # fmt: skip
+        except InvalidConfig as problem:
+            raise InvalidConfig(f"{what}: {problem}") from None
         use = found.get("use")
         if first is not None and isinstance(use, Mapping) and "recording" not in use:
             ours, theirs = (next(iter(one.values())).get("sampling") for one in (first, use))
@@ -143,7 +149,9 @@ class Reader:
                 raise InvalidConfig(
                     f"{what}: use: sampling must be that of the training, {ours}; or displacements differ"
                 )
-        return found | ({"stream": checked.stream} if checked.stream else {})
+        # Written where it says something alone: a study that says nothing of it is what it was.
+        blind = {} if checked.touch_seen else {"touch_seen": False}
+        return found | ({"stream": checked.stream} if checked.stream else {}) | blind
 
     def _role(self, what: str, given: Any, several: bool = False) -> Any:
         """A motion's table, a list of them, or ``{"recording": hash, or one a seed}``."""

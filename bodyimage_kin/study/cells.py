@@ -295,24 +295,25 @@ def _recordings(block: Block, body: Embodiment | None) -> dict[str, list[Any]]:
 
 
 def _simulated(block: Block, body: Embodiment, motion: Table, seeds: list[int]) -> list[xr.Dataset]:
-    simulation = from_settings(
-        Simulation, {key: block.simulation[key] for key in ("dynamics", "noise")} | {"training": None}
-    )
+    parts = {key: one for key, one in block.simulation.items() if key in ("dynamics", "noise", "touch_seen")}
+    how = from_settings(Simulation, parts | {"training": None})
     spec = MOTION.build(motion, Path(block.folder), body)
     try:
-        return _simulated_once(body, spec, tuple(seeds), simulation.dynamics, simulation.noise)
+        return _simulated_once(body, spec, tuple(seeds), how.dynamics, how.noise, how.touch_seen)
     except TypeError as problem:
         if "unhashable" not in str(problem):
             raise
-        return simulate_many(body, spec, seeds, dynamics=simulation.dynamics, noise=simulation.noise, threads=1)
+        return simulate_many(
+            body, spec, seeds, dynamics=how.dynamics, noise=how.noise, threads=1, touch_seen=how.touch_seen
+        )
 
 
 # Entries that share a stream share recordings, such as the touches of several trainings.
 @lru_cache(maxsize=8)
 def _simulated_once(
-    body: Embodiment, motion: Any, seeds: tuple[int, ...], dynamics: Any, noise: Any
+    body: Embodiment, motion: Any, seeds: tuple[int, ...], dynamics: Any, noise: Any, touch_seen: bool
 ) -> list[xr.Dataset]:
-    return simulate_many(body, motion, list(seeds), dynamics=dynamics, noise=noise, threads=1)
+    return simulate_many(body, motion, list(seeds), dynamics=dynamics, noise=noise, threads=1, touch_seen=touch_seen)
 
 
 def _one_recording(trials: Sequence[xr.Dataset]) -> xr.Dataset:
