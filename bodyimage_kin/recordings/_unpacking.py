@@ -43,7 +43,7 @@ def look_through(path: Path) -> Chunks:
             found |= set(_mcap(file))
         elif file.suffix.lower() in (".zstd", ".zst"):
             with file.open("rb") as bio:
-                _count(iter(lambda: bio.read(_PIECE), b""), file.name, "it", MOST_BYTES)  # noqa: B023
+                _count(iter(lambda: bio.read(_PIECE), b""), file.name, "it", MOST_BYTES)
     return frozenset(found)
 
 

@@ -75,7 +75,8 @@ def read_bag(
         MissingDependency: Without rosbags.
         UnknownName: A topic or joint that the bag does not have.
         InvalidConfig: Variables that no bag is read for.
-        InvalidRecording: A bag that is damaged, unpacks to more than any recorder packs together, has messages of other types, or in which nothing is joined.
+        InvalidRecording: A bag that is damaged, unpacks to more than any recorder packs together, has messages of other
+            types, or in which nothing is joined.
     """
     try:
         import rosbags  # noqa: F401
