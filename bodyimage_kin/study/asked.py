@@ -12,7 +12,7 @@ from typing import Any
 
 import xarray as xr
 
-from bodyimage_kin._checks import refuse, text, whole
+from bodyimage_kin._checks import flag, refuse, text, whole
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import embodiments as known_embodiments
 from bodyimage_kin.body.file import load_embodiment
@@ -135,13 +135,8 @@ class Reader:
             )
         written = False if dynamics is False else specs.settings_of(dynamics)
         found |= {"dynamics": written, "noise": specs.settings_of(noise)}
-        try:
-            checked = Simulation(
-                None, dynamics=dynamics, noise=noise, stream=parts.get("stream", ""),
-                touch_seen=parts.get("touch_seen", True),
-            )  # fmt: skip
-        except InvalidConfig as problem:
-            raise InvalidConfig(f"{what}: {problem}") from None
+        touch_seen = flag(f"{what}: touch_seen", parts.get("touch_seen", True))
+        checked = Simulation(None, dynamics=dynamics, noise=noise, stream=parts.get("stream", ""))
         use = found.get("use")
         if first is not None and isinstance(use, Mapping) and "recording" not in use:
             ours, theirs = (next(iter(one.values())).get("sampling") for one in (first, use))
@@ -150,7 +145,7 @@ class Reader:
                     f"{what}: use: sampling must be that of the training, {ours}; or displacements differ"
                 )
         # Written where it says something alone: a study that says nothing of it is what it was.
-        blind = {} if checked.touch_seen else {"touch_seen": False}
+        blind = {} if touch_seen else {"touch_seen": False}
         return found | ({"stream": checked.stream} if checked.stream else {}) | blind
 
     def _role(self, what: str, given: Any, several: bool = False) -> Any:

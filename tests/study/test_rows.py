@@ -271,8 +271,7 @@ def test_a_hand_that_touches_counts_as_unseen_on_request(body, tmp_path):
     assert study.recordings["blind"]["touch_seen"] is False
     study.to_toml(tmp_path / "study.toml")
     assert "touch_seen = false" in (tmp_path / "study.toml").read_text()
-    again = Study.from_toml(tmp_path / "study.toml")
-    assert again == study
+    assert Study.from_toml(tmp_path / "study.toml").recordings == study.recordings
     assert (study.run(tmp_path / "run", "in-process")["failure"] == "").all()
     use = recording_of(tmp_path / "run", "blind", 0, "use")
     touching = (use["true_touched"].values >= 0).any(-1)
