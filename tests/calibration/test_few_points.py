@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import torch
 
 import bodyimage_kin as bk
-from bodyimage_kin.calibration.problem import _tracker
+from bodyimage_kin.calibration import Observed
+from bodyimage_kin.calibration.problem import _Rows, _tracker
 from bodyimage_kin.robot import transforms
 
 
@@ -18,10 +17,12 @@ def test_a_tracker_of_three_points_is_never_a_mirror(body, seed):
     rng = np.random.default_rng(seed)
     q = body.felt_robot.sample(3, seed=seed).numpy()
     offset = np.zeros((3, 3))
-    root_T_tracker = transforms.transform(transforms.rpy_matrix(rng.uniform(-3, 3, 3)), rng.uniform(-1, 1, 3))
+    root_T_tracker = transforms.transform(transforms.rpy_matrix(rng.uniform(-3, 3, 3).tolist()), rng.uniform(-1, 1, 3))
     places = body.kinematics.pose(torch.from_numpy(q), body.hand.link).numpy()[:, :3, 3]
     values = (places - root_T_tracker[:3, 3]) @ root_T_tracker[:3, :3]
-    found = _tracker(body, SimpleNamespace(q=q, offset=offset, values=values))
+    # Of the recording they came from nothing is asked.
+    seen = Observed(bk.recording(q, hand_position=values, joints=body.joints, order="scattered"))
+    found = _tracker(body, _Rows("points", seen, np.arange(3), q, values, offset))
     np.testing.assert_allclose(found, root_T_tracker, atol=1e-9)
 
 
