@@ -47,7 +47,7 @@ class Study(Shown):
 
     Attributes:
         embodiments: An embodiment, or name -> embodiment: the object, a name, the path of a TOML file, a table
-            ``{"embodiment": ..., "backend": ...}``, or None where it is not known.
+            ``{"embodiment": ..., "backend": ..., "mesh_folder": ...}``, or None where it is not known.
         recordings: Name -> motion, :class:`Simulation`, recording, or list of recordings, one a seed.
         estimators: A list, or name -> estimator or :class:`Row`.
         probes: A list, or name -> probe; None: those of the face only where they are not
@@ -288,7 +288,9 @@ class Study(Shown):
                 )
             return self._given[table["given"]]
         place = cells.body_place(table, self.folder, Path())
-        return load_embodiment(place, table.get("backend")) if place else None
+        if not place:
+            return None
+        return load_embodiment(place, table.get("backend"), mesh_folder=cells.mesh_folder(table, self.folder))
 
 
 def _with_paths(value: Any, names: Mapping[str, str]) -> Any:
