@@ -35,7 +35,12 @@ def embodiments() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in embodiment_folder().glob("*.toml")))
 
 
-def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type | None = None) -> Embodiment:
+def load_embodiment(
+    name_or_path: str | Path,
+    backend: str | Kinematics | type | None = None,
+    *,
+    mesh_folder: str | Path | None = None,
+) -> Embodiment:
     """An embodiment by name, or from a TOML file.
 
     Its robot is a file beside it, or one of a package: ``urdf = "package://example-robot-data/robots/..."``.
@@ -46,6 +51,7 @@ def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type |
     Args:
         name_or_path: One of :func:`embodiments`, or the path of a TOML file.
         backend: As in :func:`bodyimage_kin.kinematics`.
+        mesh_folder: Where the robot's meshes lie, subfolders included; None: what the file says, or beside the robot's.
 
     Raises:
         UnknownName: No such embodiment, or a joint, link or landmark that does not exist.
@@ -67,7 +73,7 @@ def load_embodiment(name_or_path: str | Path, backend: str | Kinematics | type |
         raise InvalidConfig(f"cannot read embodiment '{path}': {problem.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
         raise InvalidConfig(f"embodiment '{path.name}' is no valid TOML: {problem}") from None
-    return _read(values, path, backend)
+    return _read(values, path, backend, None if mesh_folder is None else Path(mesh_folder))
 
 
 def save_embodiment(body: Embodiment, path: str | Path) -> Path:
@@ -92,7 +98,9 @@ def _robot_beside(robot: Robot, path: Path) -> str:
     return beside.name
 
 
-def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type | None) -> Embodiment:
+def _read(
+    values: dict[str, Any], path: Path, backend: str | Kinematics | type | None, mesh_folder: Path | None
+) -> Embodiment:
     """All mistakes are gathered before any is told."""
     mistakes = Mistakes(path.name)
     table = Table(values, path.name, mistakes)
@@ -111,7 +119,7 @@ def _read(values: dict[str, Any], path: Path, backend: str | Kinematics | type |
     if urdf is not None:
         with mistakes.noted():
             place = package_file(urdf) if urdf.startswith("package:") else path.parent / urdf
-            robot = Robot.from_urdf(place, mesh_folder=meshes)
+            robot = Robot.from_urdf(place, mesh_folder=mesh_folder or meshes)
     if robot is not None:
         links = {
             what: one.values["link"]

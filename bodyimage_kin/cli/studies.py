@@ -24,7 +24,7 @@ class Reproduce(Command):
 
     EXAMPLES: ClassVar[tuple[str, ...]] = (
         "bodyimage-kin reproduce --out reproduction",
-        "bodyimage-kin reproduce --out look --quick --embodiment my.toml",
+        "bodyimage-kin reproduce --out look --quick --embodiment my.toml --mesh-folder meshes",
     )
 
     out: Folder
@@ -33,6 +33,8 @@ class Reproduce(Command):
     """Number of recordings of each motion; by default 10, or 3 when quick."""
     embodiment: Annotated[str, arg(metavar="NAME|TOML")] = "infant"
     """Name of an embodiment, or path of a TOML file."""
+    mesh_folder: MaybeFolder = None
+    """Where the robot's meshes lie, subfolders included; by default what the file says, or beside the URDF."""
     quick: Flag = False
     """A tenth of the touching time, for a first look."""
     scheduler: Annotated[str | None, arg(metavar="ADDRESS", help_behavior_hint="")] = None
@@ -48,10 +50,10 @@ class Reproduce(Command):
 
         begin = time.monotonic()
         seeds = self.seeds if self.seeds is not None else (3 if self.quick else 10)
-        study = fuke2007.grid(self.embodiment, seeds, quick=self.quick)
+        study = fuke2007.grid(self.embodiment, seeds, quick=self.quick, mesh_folder=self.mesh_folder)
         # A wrong embodiment, or one unfit for the protocol, is told before any folder is touched.
         study.origin()
-        fuke2007.check(self.embodiment)
+        fuke2007.check(self.embodiment, self.mesh_folder)
         folder = claim(self.out, "reproduction", {"embodiment": self.embodiment, "seeds": seeds, "quick": self.quick})
         store = folder / "study"
         results = study.run(store, self.scheduler, workers=self.workers, progress=True)

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin.errors import DataWarning, InvalidConfig, InvalidRecording, MissingDependency, UnknownName
+from bodyimage_kin.recordings._unpacking import bounded, look_through, unpacked
 from bodyimage_kin.recordings.tables import MOST_ROWS, Table
 
 __all__ = ["BAGS", "is_bag", "read_bag"]
@@ -74,7 +75,8 @@ def read_bag(
         MissingDependency: Without rosbags.
         UnknownName: A topic or joint that the bag does not have.
         InvalidConfig: Variables that no bag is read for.
-        InvalidRecording: A bag that is damaged, has messages of other types, or in which nothing is joined.
+        InvalidRecording: A bag that is damaged, unpacks to more than any recorder packs together, has messages of other
+            types, or in which nothing is joined.
     """
     try:
         import rosbags  # noqa: F401
@@ -84,8 +86,10 @@ def read_bag(
         if variable not in ("q", *_OBSERVED):
             raise InvalidConfig(f"columns: of a bag {variable!r} is not read; give topics of q, and {_either()}")
     try:
+        chunks = frozenset() if path.suffix.lower() == ".bag" else look_through(path)
         bag = _Bag(path, most_rows)
         with bag.reader:
+            object.__setattr__(bag, "packed", bounded(bag.reader, path, chunks))
             where, observed = _chosen(bag, {name: str(topic) for name, topic in (topics or {}).items()})
             states, points = bag.joint_states(where["q"]), bag.points(where[observed])
     except (InvalidRecording, UnknownName, InvalidConfig):
@@ -98,10 +102,11 @@ def read_bag(
 
 @dataclass(frozen=True, eq=False)
 class _Bag:
-    """An open bag."""
+    """An open bag; ``packed``: messages come as they are packed."""
 
     path: Path
     most_rows: int
+    packed: bool = field(init=False, default=False)
     reader: Any = field(init=False)
     stores: tuple[Any, ...] = field(init=False)
 
@@ -183,7 +188,8 @@ class _Bag:
                 f"'{self.path.name}', topic '{topic}': {count:,} messages, more than {self.most_rows:,}; cut the bag"
             )
         stores = {one.id: self._store(one) for one in connections}
-        for connection, time, raw in self.reader.messages(connections):
+        for connection, time, data in self.reader.messages(connections):
+            raw = unpacked(data, self.path.name) if self.packed else data
             for store in stores[connection.id]:
                 message = self._read(store, raw, connection.msgtype)
                 if message is not None:

@@ -76,7 +76,7 @@ def write_reproduction(
 def _body(results: xr.Dataset) -> Embodiment:
     config = json.loads(results.attrs["config"])
     (table,) = config["embodiments"].values()
-    return load_embodiment(table["embodiment"], table.get("backend"))
+    return load_embodiment(table["embodiment"], table.get("backend"), mesh_folder=table.get("mesh_folder"))
 
 
 def _draw_all(run: Run, folder: Path) -> dict[str, tuple[Path, ...]]:

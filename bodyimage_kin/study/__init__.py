@@ -9,7 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bodyimage_kin.study.context import Context, Fact, Score, WrongResult
+    from bodyimage_kin.study.context import Context, Fact, LeftOut, Score, WrongResult
     from bodyimage_kin.study.facts import FACTS
     from bodyimage_kin.study.grid import Row, Simulation
     from bodyimage_kin.study.held_out import held_out_scores, noise_of
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.study.summary import chain, compare, failures, markdown_table, summarise
 
 _MODULES = {
-    "context": ("Context", "Fact", "Score", "WrongResult"),
+    "context": ("Context", "Fact", "LeftOut", "Score", "WrongResult"),
     "facts": ("FACTS",),
     "grid": ("Row", "Simulation"),
     "held_out": ("held_out_scores", "noise_of"),
@@ -37,6 +37,7 @@ __all__ = [
     "SCORES",
     "Context",
     "Fact",
+    "LeftOut",
     "Row",
     "Score",
     "Simulation",

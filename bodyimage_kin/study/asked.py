@@ -12,7 +12,7 @@ from typing import Any
 
 import xarray as xr
 
-from bodyimage_kin._checks import refuse, text, whole
+from bodyimage_kin._checks import flag, refuse, text, whole
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import embodiments as known_embodiments
 from bodyimage_kin.body.file import load_embodiment
@@ -43,6 +43,7 @@ _TOUCH_DURATION = 80.0
 _SHARED = ("speed", "sampling", "rest_spread", "rest_pull")
 """Settings that touch and tour take over from the motion learned from, where a study says nothing of them."""
 _MOST_SEEDS = 10**6
+_A_BODY = "a name, the path of a TOML file, or {embodiment, backend, mesh_folder}"
 _GIVEN_BY_US = ("exp", "hand", "trial", "skin", "seed", "image_range", "posture_som", "initial_map")
 """Parameters of :meth:`BodyImage.learn` that no row sets."""
 
@@ -74,7 +75,7 @@ class Reader:
         return tuple(dict.fromkeys(written_score(one, self.folder) for one in given))
 
     def body(self, spec: Any) -> Table:
-        """``{"embodiment": NAME or PATH}``, with ``backend`` where one is chosen; empty: it is not known."""
+        """``{"embodiment": NAME or PATH}``, with ``backend``, ``mesh_folder`` where they are chosen; empty: unknown."""
         if spec is None:
             return {}
         if isinstance(spec, Embodiment):
@@ -87,13 +88,15 @@ class Reader:
             return {"given": spec.sha256, **backend}
         table = {"embodiment": spec} if isinstance(spec, str | Path) else spec
         if not isinstance(table, Mapping):
-            refuse("embodiment", spec, "an embodiment, its name, the path of a TOML file, or {embodiment, backend}")
-        specs.refuse_unknown("setting of embodiment", table, ("embodiment", "backend", "given"))
+            refuse("embodiment", spec, f"an embodiment, {_A_BODY}")
+        specs.refuse_unknown("setting of embodiment", table, ("embodiment", "backend", "given", "mesh_folder"))
         found = {key: str(value) if isinstance(value, Path) else value for key, value in table.items()}
         if not all(isinstance(value, str) for value in found.values()) or (
-            found and len(found.keys() - {"backend"}) != 1
+            found and len(found.keys() - {"backend", "mesh_folder"}) != 1
         ):
-            refuse("embodiment", spec, "a name, the path of a TOML file, or {embodiment, backend}")
+            refuse("embodiment", spec, _A_BODY)
+        if "mesh_folder" in found and "embodiment" not in found:
+            raise InvalidConfig("embodiment: mesh_folder is of a body that is loaded by name or path; say which")
         return found
 
     def recording(self, name: str, spec: Any) -> Table:
@@ -135,6 +138,7 @@ class Reader:
             )
         written = False if dynamics is False else specs.settings_of(dynamics)
         found |= {"dynamics": written, "noise": specs.settings_of(noise)}
+        touch_seen = flag(f"{what}: touch_seen", parts.get("touch_seen", True))
         checked = Simulation(None, dynamics=dynamics, noise=noise, stream=parts.get("stream", ""))
         use = found.get("use")
         if first is not None and isinstance(use, Mapping) and "recording" not in use:
@@ -143,7 +147,9 @@ class Reader:
                 raise InvalidConfig(
                     f"{what}: use: sampling must be that of the training, {ours}; or displacements differ"
                 )
-        return found | ({"stream": checked.stream} if checked.stream else {})
+        # Written where it says something alone: a study that says nothing of it is what it was.
+        blind = {} if touch_seen else {"touch_seen": False}
+        return found | ({"stream": checked.stream} if checked.stream else {}) | blind
 
     def _role(self, what: str, given: Any, several: bool = False) -> Any:
         """A motion's table, a list of them, or ``{"recording": hash, or one a seed}``."""

@@ -37,7 +37,18 @@ from bodyimage_kin.study.scoring import built_probe, computed, need_maps, resolv
 from bodyimage_kin.study.specs import ESTIMATOR, MOTION, Table, arguments, from_settings
 from bodyimage_kin.study.store import Store, padded, said
 
-__all__ = ["AGAIN", "LATER", "Job", "body_place", "failed", "fit_all", "load_body", "row_of", "work_through"]
+__all__ = [
+    "AGAIN",
+    "LATER",
+    "Job",
+    "body_place",
+    "failed",
+    "fit_all",
+    "load_body",
+    "mesh_folder",
+    "row_of",
+    "work_through",
+]
 
 AGAIN = "again"
 """What comes of a cell whose recordings were damaged and are to be made anew."""
@@ -116,7 +127,19 @@ def load_body(block: Block) -> Embodiment | None:
     """The embodiment of a block, loaded once a process; makes the process one that computes with one thread."""
     # Bits depend on how sums are divided among threads, and the processes of a pool divide the work already.
     torch.set_num_threads(1)
-    return _load(body_place(block.body, Path(block.folder), Path(block.store)), block.body.get("backend"), block.sha256)
+    folder = Path(block.folder)
+    place = body_place(block.body, folder, Path(block.store))
+    return _load(place, block.body.get("backend"), mesh_folder(block.body, folder), block.sha256)
+
+
+def mesh_folder(table: Table, folder: Path) -> Path | None:
+    """Where an embodiment's meshes lie, from here; None: the table does not say.
+
+    Args:
+        table: Of the embodiment.
+        folder: Where relative paths begin.
+    """
+    return folder / table["mesh_folder"] if "mesh_folder" in table else None
 
 
 def body_place(table: Table, folder: Path, store: Path) -> str:
@@ -224,10 +247,10 @@ def _learn(block: Block, name: str, table: Table, twice: bool = False) -> Part |
 
 
 @lru_cache(maxsize=8)
-def _load(name: str, backend: str | None, sha256: str) -> Embodiment | None:
+def _load(name: str, backend: str | None, meshes: Path | None, sha256: str) -> Embodiment | None:
     if not name:
         return None
-    body = load_embodiment(name, backend)
+    body = load_embodiment(name, backend, mesh_folder=meshes)
     if body.sha256 != sha256:
         raise InvalidConfig(f"embodiment '{name}' has changed since the study began; begin a new one")
     return body
@@ -295,24 +318,25 @@ def _recordings(block: Block, body: Embodiment | None) -> dict[str, list[Any]]:
 
 
 def _simulated(block: Block, body: Embodiment, motion: Table, seeds: list[int]) -> list[xr.Dataset]:
-    simulation = from_settings(
-        Simulation, {key: block.simulation[key] for key in ("dynamics", "noise")} | {"training": None}
-    )
+    parts = {key: one for key, one in block.simulation.items() if key in ("dynamics", "noise", "touch_seen")}
+    how = from_settings(Simulation, parts | {"training": None})
     spec = MOTION.build(motion, Path(block.folder), body)
     try:
-        return _simulated_once(body, spec, tuple(seeds), simulation.dynamics, simulation.noise)
+        return _simulated_once(body, spec, tuple(seeds), how.dynamics, how.noise, how.touch_seen)
     except TypeError as problem:
         if "unhashable" not in str(problem):
             raise
-        return simulate_many(body, spec, seeds, dynamics=simulation.dynamics, noise=simulation.noise, threads=1)
+        return simulate_many(
+            body, spec, seeds, dynamics=how.dynamics, noise=how.noise, threads=1, touch_seen=how.touch_seen
+        )
 
 
 # Entries that share a stream share recordings, such as the touches of several trainings.
 @lru_cache(maxsize=8)
 def _simulated_once(
-    body: Embodiment, motion: Any, seeds: tuple[int, ...], dynamics: Any, noise: Any
+    body: Embodiment, motion: Any, seeds: tuple[int, ...], dynamics: Any, noise: Any, touch_seen: bool
 ) -> list[xr.Dataset]:
-    return simulate_many(body, motion, list(seeds), dynamics=dynamics, noise=noise, threads=1)
+    return simulate_many(body, motion, list(seeds), dynamics=dynamics, noise=noise, threads=1, touch_seen=touch_seen)
 
 
 def _one_recording(trials: Sequence[xr.Dataset]) -> xr.Dataset:

@@ -26,7 +26,7 @@ from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.backends import kinematics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import BodyImage, PostureSOM, PostureToImage, integrate
-from bodyimage_kin.errors import BodyImageKinError, UnknownName
+from bodyimage_kin.errors import BodyImageKinError, InvalidRecording, UnknownName
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import experience
 from bodyimage_kin.study import maps
@@ -34,15 +34,17 @@ from bodyimage_kin.study.grid import Row, Simulation
 from bodyimage_kin.study.specs import plain_name
 from bodyimage_kin.study.store import padded
 
-__all__ = ["IMAGE", "Context", "Fact", "Score", "WrongResult", "answers", "checked", "image_unit"]
+__all__ = ["FOLDS", "IMAGE", "Context", "Fact", "LeftOut", "Score", "WrongResult", "answers", "checked", "image_unit"]
 
 _CHUNK = 5000
 """Postures at which Jacobians are asked for at once: bounds the memory of wide probes."""
 _LARGEST = 1e150
 """Beyond it a square is not finite, nor is any score."""
-_NEEDED = ("body", "skin", "truth", "learned", "use", "true_use", "tour", "maps")
+_NEEDED = ("body", "skin", "truth", "learned", "estimator", "use", "true_use", "tour", "maps")
 
 
+FOLDS = 5
+"""How many parts of a recording are hidden in turn at most: groups of its blocks."""
 IMAGE = "image"
 """Units of a score that is in those of the hand image: metres on a virtual screen, pixels of a lens."""
 
@@ -54,6 +56,10 @@ def image_unit(seen: xr.Dataset | None) -> str:
 
 class WrongResult(BodyImageKinError):
     """What an estimator returned is no learned Jacobian of finite values."""
+
+
+class LeftOut(BodyImageKinError):
+    """A score that this recording, or what was learned from it, cannot give; the others are none the worse for it."""
 
 
 @dataclass(eq=False)
@@ -77,6 +83,7 @@ class Context:
         cut: A direction counts as excited from this on.
         of: Whose motion counts: ``"felt"`` or ``"true"``.
         known: Facts of the recording that are known already, by name.
+        shared: What one score computed that others take up, by a name of their own.
     """
 
     body: Embodiment | None
@@ -95,16 +102,21 @@ class Context:
     cut: float = 0.1
     of: Literal["felt", "true"] = "felt"
     known: Mapping[str, Any] = field(default_factory=dict)
+    shared: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
     def has(self) -> frozenset[str]:
-        """What is there, of what scores may need: ``body, skin, truth, learned, use, true_use, tour, maps``."""
+        """What is there, of what scores may need.
+
+        ``body, skin, truth, learned, estimator, use, true_use, tour, maps``.
+        """
         skin = self.body is not None and self.body.skin is not None
         there = {
             "body": self.body is not None,
             "skin": skin,
             "truth": "true_q" in self.seen,
             "learned": self.learned is not None,
+            "estimator": self.estimator is not None,
             "use": self.use is not None,
             "true_use": self.use is not None and "true_hand_image" in self.use,
             "tour": self.tour is not None and "true_hand_image" in self.tour,
@@ -134,6 +146,35 @@ class Context:
     def excitation(self) -> metrics.Excitation | None:
         """Of the motion of use by what is learned from; None without a use."""
         return None if self.use is None else metrics.excitation(self.seen, self.use, self.of, self.cut)
+
+    # Held out ---------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def folds(self) -> list[metrics.HeldOut]:
+        """What is learned from with one part hidden, each in turn: whole blocks where it has any.
+
+        Raises:
+            LeftOut: No images, or a single block.
+        """
+        try:
+            return metrics.hold_out_folds(self.experience, FOLDS)
+        except InvalidRecording as problem:
+            raise LeftOut(str(problem)) from None
+
+    @cached_property
+    def learned_by_fold(self) -> list[Any]:
+        """What the estimator learns without each fold, with the seed that it had for all of the recording.
+
+        Raises:
+            LeftOut: It cannot learn from what remains beside one.
+        """
+        found = []
+        for number, part in enumerate(self.folds):
+            try:
+                found.append(self.estimator.fit(part.seen.copy(deep=True), self.seed))
+            except BodyImageKinError as problem:
+                raise LeftOut(f"without fold {number} of {len(self.folds)}: {problem}") from None
+        return found
 
     # At probes --------------------------------------------------------------------------------------------------------
 
@@ -293,7 +334,8 @@ class Score:
         name: Its name in results.
         dims: Beside embodiment, recording, estimator and seed.
         long_name: What it is.
-        of: Numbers (or text) of these dimensions, from the context.
+        of: Numbers (or text) of these dimensions, from the context; raises :class:`LeftOut` where it finds that
+            there are none.
         units: ``"1"`` where it has none; :data:`IMAGE` where it is that of the hand image.
         needs: What must be there (:attr:`Context.has`); where it is not, the score is left out.
         labels: Dimension -> names along it; of ``probe`` and ``axis`` they are known.

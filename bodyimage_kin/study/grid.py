@@ -33,6 +33,7 @@ class Simulation:
             sampling. ``use`` and ``tour`` are left out on a body without a skin.
         dynamics: As of :func:`bodyimage_kin.simulate`, for all motions.
         noise: Likewise.
+        touch_seen: Likewise; False: images of the hand while it touches count as unseen, whatever the eye sees then.
         stream: Name of the random streams of what is simulated; entries of one name are paired: the same motion moves
             the same way in all of them. Empty: the entry's own name.
     """
@@ -43,8 +44,10 @@ class Simulation:
     dynamics: bool | Drag = True
     noise: Noise | None = None
     stream: str = ""
+    touch_seen: bool = True
 
     def __post_init__(self) -> None:
+        flag("touch_seen", self.touch_seen)
         if not isinstance(self.dynamics, Drag):
             object.__setattr__(self, "dynamics", flag("dynamics", self.dynamics))
         if self.noise is not None and not isinstance(self.noise, Noise):

@@ -6,9 +6,9 @@ resample stretches of the recording, never samples, which are nearly copies of t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import scipy.stats
@@ -25,7 +25,7 @@ from bodyimage_kin.recordings import experience
 from bodyimage_kin.study.context import checked
 from bodyimage_kin.study.specs import plain_name
 
-__all__ = ["held_out_scores", "learned_scores", "noise_of"]
+__all__ = ["foretold", "held_out_scores", "learned_scores", "noise_of"]
 
 _RESAMPLES = 1999
 _LEVEL = 0.95
@@ -130,6 +130,24 @@ def learned_scores(
     return _with_units(found, exp)
 
 
+def foretold(
+    kind: Literal["pair", "image"], learned: Sequence[Learned], parts: Sequence[HeldOut], noise: float = float("nan")
+) -> metrics.ObservedError:
+    """What was learned without each part, held against that part; the error of all parts together.
+
+    Args:
+        kind: ``"pair"``: displacements between neighbouring postures; ``"image"``: hand images, of learners of these.
+        learned: One for each part.
+        parts: What was hidden.
+        noise: As of :func:`held_out_scores`; NaN: unknown, the floor is 0.
+
+    Raises:
+        WrongResult: What was learned answers in other shapes, or not in finite numbers.
+    """
+    of = _of_pairs if kind == "pair" else _of_images
+    return _Judged.of([of(one, part) for one, part in zip(learned, parts, strict=True)]).error(kind, noise)
+
+
 def noise_of(exp: xr.Dataset) -> float:
     """The noise of one image, from repeats of postures [unit]; NaN where nothing is repeated."""
     if "repeat" not in exp or "hand_image" not in exp:
@@ -167,9 +185,12 @@ class _Judged:
         predicted, observed, run = (np.concatenate(one) for one in zip(*parts, strict=True))
         return cls(predicted, observed, run, np.repeat(np.arange(len(parts)), [len(part[2]) for part in parts]))
 
-    def scores(self, kind: str, noise: float, seed: int) -> dict[str, float]:
+    def error(self, kind: str, noise: float) -> metrics.ObservedError:
         of = metrics.pair_error if kind == "pair" else metrics.image_error
-        found = of(self.predicted, self.observed, 0.0 if np.isnan(noise) else noise)
+        return of(self.predicted, self.observed, 0.0 if np.isnan(noise) else noise)
+
+    def scores(self, kind: str, noise: float, seed: int) -> dict[str, float]:
+        found = self.error(kind, noise)
         size = self.observed if kind == "pair" else self.observed - self.observed.mean(0)
         lower, upper = self._interval(size, seed)
         known = not np.isnan(noise)

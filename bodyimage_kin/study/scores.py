@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -11,12 +11,14 @@ from jaxtyping import Float
 
 from bodyimage_kin import metrics
 from bodyimage_kin._arrays import as_float_array
+from bodyimage_kin.estimators import LearnedImage
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.study import maps
-from bodyimage_kin.study.context import IMAGE, Context, Score, answers, checked
+from bodyimage_kin.study.context import IMAGE, Context, LeftOut, Score, answers, checked
+from bodyimage_kin.study.held_out import foretold, noise_of
 from bodyimage_kin.study.store import padded
 
-__all__ = ["CAUSES", "MAP_SCORES", "PARTS", "SCORES", "of_maps"]
+__all__ = ["CAUSES", "HELD_OUT", "MAP_SCORES", "PARTS", "SCORES", "of_maps"]
 
 PARTS = ("scale", "mean_excited", "mean_unexcited", "variation")
 """What a squared Jacobian error is the sum of (:class:`bodyimage_kin.metrics.Attribution`)."""
@@ -25,6 +27,7 @@ CAUSES = ("discretisation", "position", "circulation")
 _AT_PROBES = ("body", "learned")
 _BY_POSTURE = ("probe", "posture")
 _TOUR = ("body", "learned", "tour")
+_HELD_OUT = ("learned", "estimator")
 _MAPS = ("body", "maps")
 
 
@@ -175,9 +178,47 @@ def _posture_map_error(context: Context) -> Any:
     return np.mean([maps.relative_distance(one.posture_map, direct) for one, direct in pairs])
 
 
+def _held_out(kind: Literal["pair", "image"], name: str) -> Callable[[Context], Any]:
+    """Of what was learned without each fold, on that fold; needs neither a body nor a truth."""
+
+    def of(context: Context) -> Any:
+        if kind == "image" and not isinstance(context.learned, LearnedImage):
+            raise LeftOut("what is learned gives no hand image, only how it changes")
+        noise = noise_of(context.experience)
+        if "corrected" in name and np.isnan(noise):
+            raise LeftOut("no posture is repeated (variable 'repeat'), so the noise of an image is not known")
+        key = f"{kind}s foretold"
+        if key not in context.shared:
+            context.shared[key] = foretold(kind, context.learned_by_fold, context.folds, noise)
+        return getattr(context.shared[key], name)
+
+    return of
+
+
 SCORES: Mapping[str, Score] = {
     score.name: score
     for score in (
+        # What is seen without a truth, of every recording; blocks are hidden in turn, and each fold is learned anew.
+        Score(
+            "pair_error", (), "error of foretold displacements between neighbouring postures, blocks hidden in turn",
+            _held_out("pair", "error"), IMAGE, needs=_HELD_OUT, source="pair_error", optional=True,
+        ),
+        Score(
+            "pair_error_relative", (), "that error over the displacements observed: who foretells no motion has 1",
+            _held_out("pair", "relative"), needs=_HELD_OUT, source="pair_error", optional=True,
+        ),
+        Score(
+            "pair_error_relative_corrected", (), "relative error of foretold displacements, noise of images taken off",
+            _held_out("pair", "relative_corrected"), needs=_HELD_OUT, source="pair_error", optional=True,
+        ),
+        Score(
+            "image_error", (), "error of foretold hand images, blocks hidden in turn", _held_out("image", "error"),
+            IMAGE, needs=_HELD_OUT, source="image_error", optional=True,
+        ),
+        Score(
+            "image_error_relative", (), "that error over the spread of the images: who foretells their mean has 1",
+            _held_out("image", "relative"), needs=_HELD_OUT, source="image_error", optional=True,
+        ),
         # The tour comes first: of what explodes there, the reason is told that is easiest to see.
         Score(
             "displacement_error", (), "relative error of displacements on the tour", _displacement_error,
@@ -292,5 +333,7 @@ SCORES: Mapping[str, Score] = {
     )
 }  # fmt: skip
 """Name -> score; those by posture are kept on request, optional ones when they are named."""
+HELD_OUT = tuple(name for name, score in SCORES.items() if score.needs == _HELD_OUT)
+"""Scores that need no truth; studies keep them of recordings that they were handed."""
 MAP_SCORES = tuple(name for name in SCORES if "map_" in name or name.startswith("touch_"))
 """Scores for which touches are integrated and, but for the first, maps are learned."""

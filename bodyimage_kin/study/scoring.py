@@ -20,10 +20,10 @@ from bodyimage_kin.estimators.analytic import AnalyticJacobian
 from bodyimage_kin.metrics import probes as probe_specs
 from bodyimage_kin.recordings import check
 from bodyimage_kin.study.blocks import stream
-from bodyimage_kin.study.context import Context, Score, image_unit
+from bodyimage_kin.study.context import FOLDS, Context, LeftOut, Score, image_unit
 from bodyimage_kin.study.facts import FACTS
 from bodyimage_kin.study.held_out import held_out_scores, learned_scores
-from bodyimage_kin.study.scores import SCORES
+from bodyimage_kin.study.scores import HELD_OUT, SCORES
 from bodyimage_kin.study.specs import ESTIMATOR, PROBE, plain_name, snake
 
 __all__ = [
@@ -66,7 +66,7 @@ def score(
     excitation_cut: float = 0.1,
     metric_of: str = "felt",
     draws: int = _DRAWS,
-    folds: int = 5,
+    folds: int = FOLDS,
     noise: float | None = None,
 ) -> xr.Dataset:
     """Scores of a learned Jacobian.
@@ -242,7 +242,11 @@ def computed(context: Context, scores: Sequence[Score]) -> tuple[dict[str, Any],
         if missing := [need for need in score.needs if need not in context.has]:
             lacking[score.name] = f"there is no {' and no '.join(one.replace('_', ' ') for one in missing)}"
             continue
-        value = np.asarray(score.of(context))
+        try:
+            value = np.asarray(score.of(context))
+        except LeftOut as problem:
+            lacking[score.name] = str(problem)
+            continue
         value = value if value.dtype.kind == "U" else value.astype(np.float64)
         if value.ndim != len(score.dims):
             raise InvalidConfig(f"score '{score.name}' has {value.ndim} dimensions, but says {score.dims}")
@@ -255,9 +259,14 @@ def _default(known: Mapping[str, Score], per_posture: bool) -> tuple[str, ...]:
     return tuple(one.name for one in kept)
 
 
-def default_scores(per_posture: bool = False) -> tuple[str, ...]:
-    """Names of the scores that a study keeps unless it says otherwise."""
-    return _default(SCORES, per_posture)
+def default_scores(per_posture: bool = False, given: bool = False) -> tuple[str, ...]:
+    """Names of the scores that a study keeps unless it says otherwise.
+
+    Args:
+        per_posture: Those of each posture too.
+        given: Of recordings that it was handed: also those that need no truth, for which each row learns once a fold.
+    """
+    return (*(HELD_OUT if given else ()), *_default(SCORES, per_posture))
 
 
 def default_facts(per_posture: bool = False, with_maps: bool = False) -> tuple[str, ...]:

@@ -47,7 +47,7 @@ class Study(Shown):
 
     Attributes:
         embodiments: An embodiment, or name -> embodiment: the object, a name, the path of a TOML file, a table
-            ``{"embodiment": ..., "backend": ...}``, or None where it is not known.
+            ``{"embodiment": ..., "backend": ..., "mesh_folder": ...}``, or None where it is not known.
         recordings: Name -> motion, :class:`Simulation`, recording, or list of recordings, one a seed.
         estimators: A list, or name -> estimator or :class:`Row`.
         probes: A list, or name -> probe; None: those of the face only where they are not
@@ -55,7 +55,8 @@ class Study(Shown):
         use: Motion of the touches of recordings that say nothing of it; None: see :class:`Simulation`.
         seeds: One recording each; a number n means 0 to n - 1.
         scores: Names of the scores to keep, or scores of one's own; those of maps are computed only when they are here.
-            None: all that take little time.
+            None: all that take little time; where it is handed recordings also errors of what is hidden in turn, whole
+            blocks of a recording (``pair_error``, ``image_error``), for which each row learns once a fold.
         facts: Likewise of the facts.
         block: Seeds of a cell, which an estimator trains together. Part of what decides the result's last bits.
         seed: Of all random streams.
@@ -106,13 +107,14 @@ class Study(Shown):
         put("labels", asked.labels_of(self.labels) or None)
         read = asked.Reader(self.folder, self.seeds, self.use, self._given)  # type: ignore[arg-type]
         put("use", None)
-        put("scores", read.names("scores", self.scores, default_scores(self.per_posture)))
-        with_maps = need_maps(self.scores or (), self.folder)
-        put("facts", read.names("facts", self.facts, default_facts(self.per_posture, with_maps)))
         bodies = asked.named_bodies(self.embodiments)
         put("embodiments", {name: read.body(one) for name, one in bodies.items()})
         recordings = asked.named("recordings", self.recordings)
         put("recordings", {name: read.recording(name, one) for name, one in recordings.items()})
+        given = any("recording" in one["training"] for one in self.recordings.values())
+        put("scores", read.names("scores", self.scores, default_scores(self.per_posture, given)))
+        with_maps = need_maps(self.scores or (), self.folder)
+        put("facts", read.names("facts", self.facts, default_facts(self.per_posture, with_maps)))
         rows = asked.named("estimators", self.estimators, asked.row_name)
         put("estimators", {name: read.row(one) for name, one in rows.items()})
         probes = asked.named("probes", PROBES if self.probes is None else self.probes, asked.probe_key)
@@ -286,7 +288,9 @@ class Study(Shown):
                 )
             return self._given[table["given"]]
         place = cells.body_place(table, self.folder, Path())
-        return load_embodiment(place, table.get("backend")) if place else None
+        if not place:
+            return None
+        return load_embodiment(place, table.get("backend"), mesh_folder=cells.mesh_folder(table, self.folder))
 
 
 def _with_paths(value: Any, names: Mapping[str, str]) -> Any:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import BodyImageKinError
@@ -68,8 +69,8 @@ def claims_of(body: str, seeds: int, out: Path) -> dict[str, Any]:
     }
 
 
-def errors_of(body: str, seeds: int, out: Path) -> dict[str, dict[str, list[float | None]]]:
-    """Way of moving -> estimator -> its errors on the face, one a recording."""
+def errors_of(body: str, seeds: int, out: Path) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Way of moving -> estimator -> its error on the face: median, least and most over recordings."""
     study = bk.Study(
         body,
         {way: Simulation(bk.motions.Circle(), noise=NOISE, **how) for way, how in WAYS.items()},
@@ -80,10 +81,7 @@ def errors_of(body: str, seeds: int, out: Path) -> dict[str, dict[str, list[floa
     )
     results = study.run(out / "estimators" / body)
     found = results[SCORE].sel(probe="on_face").squeeze("embodiment")
-    return {
-        way: {name: [_five(one) for one in found.sel(recording=way, estimator=name).values] for name in ESTIMATORS}
-        for way in WAYS
-    }
+    return {way: {name: _three(found.sel(recording=way, estimator=name).values) for name in ESTIMATORS} for way in WAYS}
 
 
 def proposed() -> str:
@@ -141,8 +139,8 @@ def table(found: Mapping[str, Any]) -> str:
         [
             "# The experiment and the estimators on humanoids of the field",
             "",
-            f"{seeds} recordings a robot. Mean, least and most of them: a robot is the unit that varies, and five are "
-            "too few for an interval over robots.",
+            f"{seeds} recordings a robot: claims by their mean, errors by their median, with least and most. "
+            "A robot is the unit that varies, and five are too few for an interval over robots.",
             "",
             "## What the paper claims, in numbers",
             "",
@@ -179,9 +177,13 @@ def main() -> None:
     (asked.publish / "table.md").write_text(table(found), encoding="utf-8")
 
 
-def _over(values: list[float | None]) -> str:
-    known = [value for value in values if value is not None]
-    return "-" if not known else f"{np.mean(known):.3f} ({min(known):.3f} to {max(known):.3f})"
+def _three(values: Float[np.ndarray, "seeds"]) -> dict[str, float | None]:
+    return {"median": _five(np.median(values)), "least": _five(values.min()), "most": _five(values.max())}
+
+
+def _over(error: Mapping[str, float | None]) -> str:
+    told = ["-" if one is None else f"{one:.3f}" if one < 100 else f"{one:.2g}" for one in error.values()]
+    return f"{told[0]} ({told[1]} to {told[2]})"
 
 
 def _five(value: float) -> float | None:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
+
 import pytest
 import trimesh
 
 import bodyimage_kin as bk
 from bodyimage_kin import cli
-from bodyimage_kin.body import check_embodiment
-from bodyimage_kin.errors import InvalidGeometry
+from bodyimage_kin.body import check_embodiment, file
+from bodyimage_kin.errors import InvalidConfig, InvalidGeometry
 from bodyimage_kin.figures.visuals import triangles
 from bodyimage_kin.robot import meshes
+from bodyimage_kin.study.blocks import blocks
+from bodyimage_kin.study.cells import load_body
 
 URDF = """<robot name="arm"><link name="base"/>
 <link name="hand"><visual><geometry><mesh filename="{}"/></geometry></visual></link>
@@ -104,3 +108,37 @@ def test_a_folder_that_is_none_is_told_with_the_other_mistakes(folder):
     (folder / "arm.toml").write_text(BODY.replace("joints", "mesh_folder = 3\njoints").replace("turn", "trun"))
     with pytest.raises(bk.errors.ManyMistakes, match=r"mesh_folder=3: give a text(.|\n)*did you mean 'turn'"):
         bk.load_embodiment(folder / "arm.toml")
+
+
+def test_studies_look_where_they_are_told_and_so_do_their_workers(folder):
+    body = bk.load_embodiment(folder / "arm.toml", mesh_folder=folder / "meshes")
+    assert told(body) == []
+    for place in ("meshes", folder / "meshes"):
+        table = {"embodiment": "arm.toml", "mesh_folder": place}
+        study = bk.Study({"arm": table}, {"a": bk.motions.Babbling()}, ["LeastSquares"], seeds=1, folder=folder)
+        (block,) = blocks({**study.origin(), "folder": str(folder)}, folder / "store")
+        found = load_body(block)
+        assert found == body
+        assert told(found) == []
+    with pytest.raises(InvalidConfig, match="mesh_folder is of a body that is loaded"):
+        bk.Study({"arm": {"given": "0" * 64, "mesh_folder": "meshes"}}, {"a": "Circle"}, ["LeastSquares"])
+
+
+def test_a_reproduction_looks_where_it_is_told(folder, monkeypatch, capsys):
+    """The arm is none of the paper's: it is refused, but not before it was loaded with its meshes."""
+    asked = []
+    real = file.load_embodiment
+
+    def loaded(*given, **settings):
+        asked.append(settings.get("mesh_folder"))
+        return real(*given, **settings)
+
+    modules = ("bodyimage_kin.study.study", "bodyimage_kin.published.fuke2007.grid")
+    for module in map(importlib.import_module, modules):
+        monkeypatch.setattr(module, "load_embodiment", loaded)
+    arguments = ["reproduce", "--out", str(folder / "out"), "--embodiment", str(folder / "arm.toml")]
+    assert cli.main([*arguments, "--mesh-folder", str(folder / "meshes")]) == 2
+    assert "no skin" in capsys.readouterr().err
+    assert asked == [folder / "meshes"] * len(asked)
+    assert asked
+    assert not (folder / "out").exists()

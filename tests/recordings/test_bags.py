@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import struct
+import tracemalloc
+
 import numpy as np
 import pytest
 
 import bodyimage_kin as bk
 from bodyimage_kin.errors import DataWarning, InvalidConfig, InvalidRecording, UnknownName
+from bodyimage_kin.recordings import _unpacking
 
 rosbags = pytest.importorskip("rosbags", reason="bags need the extra [bags]")
 
 from rosbags import rosbag1, rosbag2  # noqa: E402
+from rosbags.rosbag2.reader import zstd  # noqa: E402
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 
 START = 1_700_000_000.0
@@ -33,7 +38,7 @@ def place(t):
 class Writer:
     """A bag of one kind, with the messages of its distribution."""
 
-    def __init__(self, folder, kind):
+    def __init__(self, folder, kind, packed=""):
         self.first = kind.endswith(".bag")
         self.store = get_typestore(Stores.ROS1_NOETIC if self.first else Stores.ROS2_HUMBLE)
         if self.first:
@@ -46,6 +51,11 @@ class Writer:
         else:
             plugin = rosbag2.StoragePlugin.MCAP if "mcap" in kind else rosbag2.StoragePlugin.SQLITE3
             self.writer = rosbag2.Writer(self.path, version=9, storage_plugin=plugin)
+        if self.first and packed:
+            self.writer.set_compression(getattr(rosbag1.Writer.CompressionFormat, packed))
+        elif packed:
+            formats = rosbag2.Writer if hasattr(rosbag2.Writer, "CompressionMode") else rosbag2
+            self.writer.set_compression(getattr(formats.CompressionMode, packed), formats.CompressionFormat.ZSTD)
         self.kind, self.connections = kind, {}
 
     def __enter__(self):
@@ -104,7 +114,7 @@ class Writer:
 
 def plain(folder, kind="ros2", **changes):
     """Joint states at 50 Hz, of the gripper apart and of two joints; a marker seen at 9 Hz."""
-    with Writer(folder, kind) as bag:
+    with Writer(folder, kind, changes.get("packed", "")) as bag:
         for t in START + 0.02 * np.arange(100):
             bag.joints(t, elbow=elbow(t - START), wrist=wrist(t - START))
             bag.joints(t + 0.003, gripper=0.01)
@@ -223,6 +233,69 @@ def test_what_is_no_bag_is_one_line(tmp_path, name):
         bk.read_recording(tmp_path / "cut.bag")
     with pytest.raises(InvalidRecording, match="there is no recording"):
         bk.read_recording(tmp_path / "missing.bag")
+
+
+PACKED = [
+    ("ros1.bag", "BZ2"), ("ros1.bag", "LZ4"), ("file.mcap", "STORAGE"), ("mcap", "MESSAGE"), ("ros2", "MESSAGE"),
+    ("ros2", "FILE"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "packed"), PACKED)
+def test_packed_bags_say_what_they_say_unpacked_and_no_more_than_there_is_memory(tmp_path, monkeypatch, kind, packed):
+    for name in ("plain", "packed"):
+        (tmp_path / name).mkdir()
+    path = plain(tmp_path / "packed", kind, packed=packed)
+    found = bk.read_recording(path, joints=JOINTS)
+    whole = bk.read_recording(plain(tmp_path / "plain", kind), joints=JOINTS)
+    for name in ("q", "hand_position", "time"):
+        np.testing.assert_array_equal(found[name], whole[name])
+    monkeypatch.setattr(_unpacking, "MOST_UNPACKED", 20)
+    monkeypatch.setattr(_unpacking, "MOST_BYTES", 20)
+    with pytest.raises(InvalidRecording, match=r"unpacks to more than \d+ MiB; record it in smaller chunks") as told:
+        bk.read_recording(path, joints=JOINTS)
+    assert "\n" not in str(told.value)
+
+
+def mcap(path, claimed, data, compression=b"zstd"):
+    """One chunk alone, which claims what it likes."""
+    chunk = struct.pack("<QQQLL", 0, 1, claimed, 0, len(compression)) + compression
+    chunk += struct.pack("<Q", len(data)) + data
+    header = struct.pack("<L", 4) + b"ros2" + struct.pack("<L", 0)
+    records = [(1, header), (6, chunk), (2, bytes(20))]
+    written = b"".join(bytes([kind]) + struct.pack("<Q", len(one)) + one for kind, one in records)
+    magic = b"\x89MCAP0\r\n"
+    path.write_bytes(magic + written + magic)
+    return path
+
+
+def bomb(size):
+    """Frames without a size, as streams are packed: one honest megabyte of zeros many times over."""
+    return zstd.compress(bytes(1 << 20)) * (size >> 20)
+
+
+def test_what_a_chunk_claims_and_what_it_is_are_both_bounded_before_it_is_kept(tmp_path):
+    too_large = r"'\w+\.mcap': a chunk unpacks to more than 256 MiB"
+    with pytest.raises(InvalidRecording, match=too_large):
+        bk.read_recording(mcap(tmp_path / "claims.mcap", 1 << 40, bomb(1 << 20)))
+    liar = mcap(tmp_path / "liar.mcap", 100, bomb(300 << 20))
+    assert liar.stat().st_size < 100_000
+    tracemalloc.start()
+    with pytest.raises(InvalidRecording, match=too_large):
+        bk.read_recording(liar)
+    assert tracemalloc.get_traced_memory()[1] < 20 << 20
+    tracemalloc.stop()
+
+
+def test_an_index_that_points_at_no_chunk_is_refused(tmp_path):
+    path = plain(tmp_path, "file.mcap", packed="STORAGE")
+    data = bytearray(path.read_bytes())
+    # The record of the index: times, then the place of the chunk.
+    at = data.index(b"\x08" + struct.pack("<Q", 8 * 5 + 4 + 10 * 2 + 4 + 4 + 16)) + 9 + 16
+    data[at : at + 8] = struct.pack("<Q", struct.unpack("<Q", data[at : at + 8])[0] + 1)
+    path.write_bytes(data)
+    with pytest.raises(InvalidRecording, match="its index points at something that is no chunk"):
+        bk.read_recording(path, joints=JOINTS)
 
 
 def test_a_message_of_another_definition_is_refused_and_nothing_of_it_is_compiled(tmp_path):

@@ -289,3 +289,10 @@ def test_the_state_of_the_global_generators_is_left_alone(body):
     simulate(body, "random_touch")
     assert str(np.random.get_state(legacy=False)) == numpy_state  # noqa: NPY002
     assert torch.equal(torch.get_rng_state(), torch_state)
+
+
+def test_the_pull_to_rest_is_a_rate_and_never_goes_past_it(body):
+    """However strong: what is left of the way falls by ``exp(-rest_pull sampling)`` a sample."""
+    strong = bk.simulate(body, bk.motions.Circle(turns=0.1, rest_pull=1e6), dynamics=False, seed=4)
+    stronger = bk.simulate(body, bk.motions.Circle(turns=0.1, rest_pull=1e9), dynamics=False, seed=4)
+    np.testing.assert_allclose(strong.true_q, stronger.true_q, atol=1e-9)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 import torch
@@ -205,3 +208,92 @@ def test_moved_directions_are_better_known_than_all(body, circle):
 def test_mistakes_are_named(circle, call, error, match):
     with pytest.raises(error, match=match):
         call(bk.experience(circle))
+
+
+# In studies ----------------------------------------------------------------------------------------------------------
+
+HELD_OUT = ["pair_error", "pair_error_relative", "image_error", "image_error_relative"]
+
+
+def lacking(results):
+    return json.loads(results.attrs["left_out"])
+
+
+@pytest.fixture(scope="module")
+def of_recordings(body, tmp_path_factory):
+    """Two recordings as seeds and one without blocks, of nobody's body."""
+    mine = [scattered(body, seed=seed, noise=1e-4) for seed in (0, 1)]
+    study = bk.Study(
+        None, recordings={"mine": mine, "repeated": scattered(body, noise=5e-4, repeats=4)},
+        estimators={"flat": LeastSquares(), "trig": TrigRidge()}, seeds=2,
+    )  # fmt: skip
+    return study, mine, study.run(tmp_path_factory.mktemp("recordings"), "in-process")
+
+
+def test_a_study_of_recordings_has_the_scores_of_each_estimator_alone(of_recordings):
+    _, mine, results = of_recordings
+    assert (results["failure"] == "").all()
+    for seed, recording in enumerate(mine):
+        alone = bk.score({"flat": LeastSquares(), "trig": TrigRidge()}, None, recording)
+        found = results.sel(recording="mine", seed=seed).squeeze("embodiment")
+        for name in HELD_OUT:
+            np.testing.assert_array_equal(found[name].values, alone[name].values, name)
+    # Each seed has a recording of its own.
+    assert (results["pair_error"].sel(recording="mine").diff("seed") != 0).all()
+    assert results["pair_error"].attrs["units"] == "m"
+
+
+def test_a_study_says_what_its_recordings_cannot_give(of_recordings):
+    found = lacking(of_recordings[2])
+    assert found["relative_error"] == {
+        "there is no body": [f"unknown/{a}/{b}" for a in ("mine", "repeated") for b in ("flat", "trig")]
+    }
+    ((why, places),) = found["image_error"].items()
+    assert "no hand image" in why
+    assert set(places) == {"unknown/mine/flat", "unknown/repeated/flat"}
+    ((why, places),) = found["pair_error_relative_corrected"].items()
+    assert "repeat" in why
+    assert set(places) == {"unknown/mine/flat", "unknown/mine/trig"}
+    corrected = of_recordings[2].sel(recording="repeated")
+    assert (corrected["pair_error_relative_corrected"] < corrected["pair_error_relative"]).all()
+
+
+def test_a_single_block_is_left_out_and_said_and_its_other_scores_stay(body, tmp_path):
+    whole = scattered(body)
+    whole["block"][:] = 0
+    study = bk.Study(None, {"mine": whole}, [LeastSquares()], seeds=1, scores=["pair_error", "fit_seconds"])
+    results = study.run(tmp_path, "in-process")
+    assert (results["failure"] == "").all()
+    assert "single block" in next(iter(lacking(results)["pair_error"]))
+    assert np.isfinite(results["fit_seconds"]).all()
+    assert np.isnan(results["pair_error"]).all()
+
+
+def test_a_fold_without_which_nothing_can_be_learned_is_named(body, tmp_path):
+    study = bk.Study(None, {"mine": scattered(body)}, {"shy": Shy()}, seeds=1, scores=["pair_error"])
+    results = study.run(tmp_path, "in-process")
+    assert next(iter(lacking(results)["pair_error"])) == "without fold 0 of 5: too little"
+
+
+@dataclass(frozen=True)
+class Shy(Estimator):
+    """Learns from all of a recording alone."""
+
+    def fit(self, exp, seed=0):
+        if not np.isfinite(exp["hand_image"].values).all():
+            raise InvalidRecording("too little")
+        return LeastSquares().fit(exp, seed)
+
+
+def test_studies_of_motions_are_the_same_as_before():
+    study = bk.Study("infant", {"near": bk.motions.Circle()}, [LeastSquares()], seeds=1)
+    assert not set(study.scores) & set(HELD_OUT)
+    assert set(bk.Study("infant", {"near": "Circle"}, ["LeastSquares"], scores=["pair_error"]).scores) == {"pair_error"}
+
+
+def test_the_page_orders_by_what_was_hidden_and_says_what_is_left_out(of_recordings, tmp_path):
+    page = bk.report.write(of_recordings[2], tmp_path / "report.html").read_text()
+    assert "hidden from it" in page
+    assert "held against the true one" not in page
+    assert "there is no body" in page
+    assert "What could not be computed" in page

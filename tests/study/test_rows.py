@@ -263,6 +263,33 @@ def test_entries_of_one_stream_are_paired(tmp_path):
     assert not np.array_equal(q["near"], q["own"])
 
 
+def test_a_hand_that_touches_counts_as_unseen_on_request(body, tmp_path):
+    eye = replace(body.camera, model=replace(body.camera.screen, near=0.01))
+    sees = replace(body, camera=eye)
+    blind = Simulation(Circle(turns=0.3), RandomTouch(duration=4.0), dynamics=False, touch_seen=False)
+    study = Study(sees, {"blind": blind}, ["LeastSquares"], seeds=1, probes=["on_face"])
+    assert study.recordings["blind"]["touch_seen"] is False
+    study.to_toml(tmp_path / "study.toml")
+    assert "touch_seen = false" in (tmp_path / "study.toml").read_text()
+    assert Study.from_toml(tmp_path / "study.toml").recordings == study.recordings
+    assert (study.run(tmp_path / "run", "in-process")["failure"] == "").all()
+    use = recording_of(tmp_path / "run", "blind", 0, "use")
+    touching = (use["true_touched"].values >= 0).any(-1)
+    seen_by_eye = sees.visible(use["true_q"].values).numpy()
+    assert (touching & seen_by_eye).any()
+    np.testing.assert_array_equal(np.isfinite(use["hand_image"].values).all(-1), seen_by_eye & ~touching)
+    assert np.isfinite(recording_of(tmp_path / "run", "blind", 0)["hand_image"].values).all()
+
+
+def test_a_study_that_says_nothing_of_touches_that_are_seen_is_what_it_was():
+    plain = {"training": "Circle"}
+    tables = [Study("infant", {"a": one}, ["Ridge"]).recordings["a"] for one in (plain, {**plain, "touch_seen": True})]
+    assert tables[0] == tables[1]
+    assert "touch_seen" not in tables[0]
+    with pytest.raises(InvalidConfig, match="recording 'a': touch_seen='no'"):
+        Study("infant", {"a": {**plain, "touch_seen": "no"}}, ["Ridge"])
+
+
 def test_a_motion_of_ones_own_by_object_and_by_name(tmp_path):
     by_name = {"my_scores:Wave": {"height": 0.02}}
     studies = [

@@ -105,18 +105,19 @@ def corrupted_row(kind: str, dose: float) -> str:
     return f"{kind}_{dose:g}"
 
 
-def check(embodiment: str = "infant") -> None:
+def check(embodiment: str = "infant", mesh_folder: Path | None = None) -> None:
     """Looks at a body before anything is computed.
 
     Args:
         embodiment: Name, or path of a TOML file.
+        mesh_folder: As of :func:`bodyimage_kin.load_embodiment`.
 
     Raises:
         InvalidConfig: A body that is unfit for the protocol: the eye sees the hand while it touches, or does not see
             the circle, or a taxel is out of reach.
         UnknownName: No such embodiment.
     """
-    body = load_embodiment(embodiment)
+    body = load_embodiment(embodiment, mesh_folder=mesh_folder)
     refuse_errors(body, check_embodiment(body, paper=True))
 
 
@@ -126,6 +127,7 @@ def grid(
     *,
     quick: bool = False,
     backend: str | None = None,
+    mesh_folder: Path | None = None,
     folder: Path = Path(),
 ) -> Study:
     """The experiment as a study.
@@ -135,6 +137,7 @@ def grid(
         seeds: Recordings of each motion.
         quick: A tenth of the touching time, for a first look.
         backend: Kinematics backend; None: the default.
+        mesh_folder: As of :func:`bodyimage_kin.load_embodiment`.
         folder: Where relative paths begin.
 
     Raises:
@@ -167,8 +170,9 @@ def grid(
         for dose in doses:
             rows[corrupted_row(kind, dose)] = Row(Corrupted(None, kind, dose), on=(BLINDNESS,))
     steps = round(duration / _SAMPLING)
+    how = {"backend": backend, "mesh_folder": None if mesh_folder is None else mesh_folder.absolute().as_posix()}
     return Study(
-        {"body": {"embodiment": embodiment, **({"backend": backend} if backend else {})}},
+        {"body": {"embodiment": embodiment, **{name: one for name, one in how.items() if one}}},
         recordings,
         rows,
         probes={"on_circle": Training(), "in_front": Face(0.03), "on_face": Face()},
