@@ -36,6 +36,7 @@ from bodyimage_kin.metrics.maps import (
     topographic_error,
     topological_error,
 )
+from bodyimage_kin.metrics.misplaced import MisplacedUnits, misplaced_units
 from bodyimage_kin.metrics.neighbourhoods import continuity, neighbours_kept, trustworthiness
 from bodyimage_kin.metrics.observed import (
     LocalSpectrum,
@@ -71,6 +72,7 @@ __all__ = [
     "Excitation",
     "HeldOut",
     "LocalSpectrum",
+    "MisplacedUnits",
     "ObservedError",
     "Procrustes",
     "Sparsification",
@@ -101,6 +103,7 @@ __all__ = [
     "locally_stable",
     "log_condition_difference",
     "manipulability_ratio",
+    "misplaced_units",
     "monotone",
     "motion_metric",
     "negative_log_likelihood",

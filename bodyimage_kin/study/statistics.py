@@ -22,6 +22,7 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Float, Int
 
+from bodyimage_kin._holm import holm
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
 
 __all__ = [
@@ -220,26 +221,6 @@ def sign_flip(differences: Scores, *, resamples: int = _FLIPS, seed: int = 0) ->
         rng=np.random.default_rng(seed),
     )
     return float(found.pvalue)
-
-
-def holm(p: Scores) -> Float[np.ndarray, "comparisons"]:
-    """P-values adjusted over comparisons made together, so that the chance of any false one stays below the level.
-
-    Holm's step-down: the k-th smallest of n times n - k + 1, never less than a smaller one's, at most 1. A NaN is no
-    comparison and stays NaN.
-
-    Raises:
-        InvalidArray: Not a row of numbers between 0 and 1.
-    """
-    values = _floats(p)
-    made = np.isfinite(values)
-    if values.ndim != 1 or ((values[made] < 0) | (values[made] > 1)).any():
-        raise InvalidArray("p-values must be a row of numbers between 0 and 1")
-    adjusted = np.full(values.shape, np.nan)
-    order = np.flatnonzero(made)[np.argsort(values[made], kind="stable")]
-    factors = np.arange(len(order), 0, -1)
-    adjusted[order] = np.minimum(1.0, np.maximum.accumulate(values[order] * factors)) if len(order) else []
-    return adjusted
 
 
 def compare(

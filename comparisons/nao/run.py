@@ -26,6 +26,7 @@ import xarray as xr
 
 sys.path.insert(0, str(Path(__file__).parent))
 import robot as nao
+import triangles
 
 import bodyimage_kin as bk
 from bodyimage_kin import figures, metrics
@@ -96,15 +97,19 @@ def estimators(setting: Setting) -> dict[str, Any]:
     }
 
 
+def unstuck(every: xr.Dataset) -> xr.Dataset:
+    """The touches in postures that come back thrice at most: in others a taxel stays on."""
+    _, same, times = np.unique(every["q"].values[0].round(3), axis=0, return_inverse=True, return_counts=True)
+    return every.isel(time=np.flatnonzero(times[same.ravel()] <= 3))
+
+
 def trusted(drawn: bk.Embodiment, every: xr.Dataset) -> tuple[xr.Dataset, dict[str, int]]:
     """The touches without those of a stuck taxel or a finger that is elsewhere, and how many these are.
 
-    A posture that comes back more than thrice is one in which a taxel stays on. Once the finger is fitted, robustly and
-    on every second block, a touch counts as elsewhere beyond the median distance and five robust standard deviations.
+    Once the finger is fitted, robustly and on every second block, a touch counts as elsewhere beyond the median
+    distance and five robust standard deviations.
     """
-    _, same, times = np.unique(every["q"].values[0].round(3), axis=0, return_inverse=True, return_counts=True)
-    stuck = times[same.ravel()] > 3
-    left = every.isel(time=np.flatnonzero(~stuck))
+    left = unstuck(every)
     even = np.flatnonzero(left["block"].values[0] % 2 == 0)
     fit = calibrate(drawn, Observed(left.isel(time=even), use=["touches"]), free=["hand"], folds=2)
     skin = fit.body.require_skin()
@@ -118,7 +123,8 @@ def trusted(drawn: bk.Embodiment, every: xr.Dataset) -> tuple[xr.Dataset, dict[s
     )
     middle = np.nanmedian(away)
     far = away > middle + 5 * 1.4826 * np.nanmedian(np.abs(away - middle))
-    counts = {"touches": every.sizes["time"], "stuck": int(stuck.sum()), "elsewhere": int(far.sum())}
+    counts = {"touches": every.sizes["time"], "stuck": int(every.sizes["time"] - left.sizes["time"])}
+    counts |= {"elsewhere": int(far.sum())}
     return left.isel(time=np.flatnonzero(~far)), counts
 
 
@@ -311,7 +317,7 @@ def draw(setting: Setting, file: Path) -> None:
 
 
 def main() -> None:
-    """Writes PART.json, PART.md and PART.png for each part that is touched."""
+    """Writes PART.json, PART.md and PART.png for each part that is touched, and the same of its triangles."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder of the recordings")
     parser.add_argument("--circles", type=int, default=20, help="recordings that are learned from (default: 20)")
@@ -321,6 +327,7 @@ def main() -> None:
         "--parts", nargs="+", default=["torso", "head"], choices=["torso", "head"], help="what is touched"
     )
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, help="folder of the results")
+    parser.add_argument("--triangles", action="store_true", help="only whether triangles are where they are published")
     asked = parser.parse_args()
     recordings = {"torso": nao.TORSO, "head": nao.HEAD}
     asked.out.mkdir(parents=True, exist_ok=True)
@@ -328,6 +335,13 @@ def main() -> None:
         what = recordings[part]
         if not (asked.data / "nao" / what.file).is_file():
             parser.exit(0, f"skipped: there is no nao/{what.file} in {asked.data}; --help says where it is from\n")
+        # With those from elsewhere: on a misplaced triangle every touch is.
+        drawn = nao.nominal(what, asked.data)
+        found = triangles.misplaced(what, asked.data, unstuck(nao.touches(what, drawn, asked.data, BLOCKS)))
+        (asked.out / f"{part}_triangles.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        (asked.out / f"{part}_triangles.md").write_text(triangles.table(found), encoding="utf-8")
+        if asked.triangles:
+            continue
         told, body, drawn, mapped = calibrated(what, asked.data, asked.quick)
         setting = Setting(body, drawn, mapped, RESAMPLES)
         with ProcessPoolExecutor(asked.workers) as pool:

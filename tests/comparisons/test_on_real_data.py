@@ -64,3 +64,12 @@ def test_the_slope_of_the_foreseen_taxel_is_that_of_the_body(monkeypatch):
         moved = run.off(touches, run.arm(), pad) - run.off(touches, run.arm(lengths), pad)
         np.testing.assert_allclose(moved / 1e-3, slope[:, :, link], atol=1e-9)
     assert isinstance(run.arm(), bk.Embodiment)
+
+
+def test_the_triangles_of_a_real_torso_are_in_their_places_and_would_be_found_elsewhere(real_data, monkeypatch):
+    run = script("nao", monkeypatch)
+    body = run.nao.nominal(run.nao.TORSO, real_data)
+    touches = run.unstuck(run.nao.touches(run.nao.TORSO, body, real_data, run.BLOCKS))
+    found = run.triangles.misplaced(run.nao.TORSO, real_data, touches)
+    assert found["misplaced"] == []
+    assert found["found_if"]["swapped"] == 1.0
