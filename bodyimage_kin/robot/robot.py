@@ -34,6 +34,9 @@ Source: TypeAlias = Any
 """A path, an open file, or text: str, bytes, bytearray or memoryview; checked at run time by our own errors."""
 
 
+_MOST_VALUES = 10**9
+
+
 @dataclass(frozen=True)
 class Robot:
     """One checked robot. Build it with :meth:`from_urdf` or :meth:`from_dh`.
@@ -218,10 +221,14 @@ class Robot:
             seed: Same seed, same bits.
 
         Raises:
-            InvalidConfig: A shape or a seed that is no whole number, or negative.
+            InvalidConfig: A shape or a seed that is no whole number, or negative, or more than a billion joint values.
         """
         sizes = (batch,) if not isinstance(batch, Iterable) else tuple(batch)
         shape = [_checks.whole("batch", size, least=0) for size in sizes]
+        if math.prod((*shape, self.n)) > _MOST_VALUES:
+            raise InvalidConfig(
+                f"batch {tuple(shape)} is too large; draw at most {_MOST_VALUES:.0e} joint values at once"
+            )
         rng = np.random.default_rng(_checks.whole("seed", seed, least=0))
         unit = torch.from_numpy(rng.random((*shape, self.n)))
         lower, upper = self._bounds

@@ -153,6 +153,12 @@ def test_a_bad_sample_is_refused(batch, seed):
         tricky().sample(batch, seed=seed)
 
 
+@pytest.mark.parametrize("batch", [10**15, (10**6, 10**6)])
+def test_a_sample_that_no_memory_holds_is_refused(batch):
+    with pytest.raises(InvalidConfig, match="is too large"):
+        tricky().sample(batch)
+
+
 def test_samples_are_uniform_and_differ_between_seeds():
     robot = tricky()
     q = robot.sample(20_000, seed=0)
