@@ -8,12 +8,17 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import torch
-from numba import njit
+from numba import config, njit
 from numba.core import event
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _Given = TypeVar("_Given")
 _Result = TypeVar("_Result")
+
+
+def compiles() -> bool:
+    """Whether numba may compile here (``NUMBA_DISABLE_JIT`` is not set)."""
+    return not getattr(config, "DISABLE_JIT", False)
 
 
 def compiled(function: _Function) -> _Function:

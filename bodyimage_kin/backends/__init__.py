@@ -73,8 +73,10 @@ def kinematics(robot: Robot, backend: str | Kinematics | type | None = None) -> 
         InvalidConfig: What is named, or given, has no ``pose_and_jacobian``.
     """
     if backend is None:
+        from bodyimage_kin._compiled import compiles
+
         installed = [name for name, state in backends().items() if state == "installed"]
-        backend = next(name for name in installed if name != "numba" or _compiles())
+        backend = next(name for name in installed if name != "numba" or compiles())
     if isinstance(backend, str):
         name, built = backend, _load(backend)
     elif isinstance(backend, type):
@@ -86,13 +88,6 @@ def kinematics(robot: Robot, backend: str | Kinematics | type | None = None) -> 
     if isinstance(built, type):
         built = built(robot if _abilities(built).followers else robot.unfolded)
     return RobotKinematics(robot, built, name)
-
-
-def _compiles() -> bool:
-    """Whether numba may compile here (``NUMBA_DISABLE_JIT`` is not set)."""
-    import numba
-
-    return not getattr(numba.config, "DISABLE_JIT", False)
 
 
 def _load(name: str) -> Any:

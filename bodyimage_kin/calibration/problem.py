@@ -286,7 +286,7 @@ def _term(
     if rows.kind == "touches":
         return Touches(*shared, "skin", rows.values)
     level = Planes(*shared, plane, np.array([0.0, 0.0, 1.0]), 0.0)
-    _, places, _ = level.hand(np.zeros(len(parametric.parameters)))
+    places, _ = level.point_seen(np.zeros(len(parametric.parameters)))
     centre = places.mean(0)
     normal = np.linalg.svd(places - centre)[2][-1]
     return replace(level, normal=normal, distance=float(normal @ centre))

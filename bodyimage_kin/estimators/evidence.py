@@ -14,8 +14,9 @@ import torch
 from jaxtyping import Bool, Float
 
 from bodyimage_kin.body import Tracker
+from bodyimage_kin.estimators._products import products
 from bodyimage_kin.estimators.intrinsics import Intrinsics
-from bodyimage_kin.estimators.parametric import Frame, ParametricBody
+from bodyimage_kin.estimators.parametric import ParametricBody
 
 __all__ = ["Images", "Planes", "Points", "Touches"]
 
@@ -54,12 +55,11 @@ class _Evidence(abc.ABC):
     def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
         """Predicted less observed. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
 
-    def hand(
-        self, theta: Float[np.ndarray, "parameters"], by_joints: bool = False
-    ) -> tuple[dict[str, Frame], np.ndarray, np.ndarray]:
-        """Frames, and the observed point in the root [m], with derivatives in the parameters, or in the felt joints."""
-        frames = self.body.frames(self.q, theta, by_joints)
-        return frames, *frames[self.point].point(self.offset)
+    def point_seen(
+        self, theta: Float[np.ndarray, "parameters"], observer: str | None = None
+    ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count 3 parameters"]]:
+        """The observed point in a mount's axes, or the root's [m], and its derivative in the parameters."""
+        return self.body.seen(self.q, theta, self.point, self.offset, observer)
 
     def taken(self, rows: Bool[np.ndarray, "count"]) -> _Evidence:
         """The same evidence with some of its rows."""
@@ -94,25 +94,27 @@ class Images(_Evidence):
 
     def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
         """Predicted less seen. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
-        frames, place, slope = self.hand(theta)
-        point, moved = frames[self.camera].seen(place, slope)
+        point, moved = self.point_seen(theta, self.camera)
         values = theta[self.first : self.first + len(self.intrinsics.parameters)]
         model = self.intrinsics.at(values)
-        if not isinstance(model, Tracker):
+        if isinstance(model, Tracker):
+            left, derivative = point - self.image, moved
+        else:
             # What a fit puts behind the camera on its way is brought before it.
             point[:, 2] = np.maximum(point[:, 2], _NEAREST)
-        seen = torch.from_numpy(point)
-        left, derivative = model.project(seen).numpy() - self.image, model.derivative(seen).numpy() @ moved
+            seen = torch.from_numpy(point)
+            left, derivative = model.project(seen).numpy() - self.image, products(model.derivative(seen).numpy(), moved)
         if len(values):
             derivative[:, :, self.first : self.first + len(values)] += self.intrinsics.slope(model, point)
         unseen = np.isnan(left)
-        left[unseen], derivative[unseen] = 0.0, 0.0
+        if unseen.any():
+            left[unseen], derivative[unseen] = 0.0, 0.0
         return left, derivative
 
     def jacobian(self, theta: Float[np.ndarray, "parameters"]) -> Float[np.ndarray, "count m p"]:
         """The image Jacobian of a body with these parameters [unit/rad]."""
-        frames, place, slope = self.hand(theta, by_joints=True)
-        point, moved = frames[self.camera].seen(place, slope)
+        frames = self.body.frames(self.q, theta, by_joints=True)
+        point, moved = frames[self.camera].seen(*frames[self.point].point(self.offset))
         model = self.intrinsics.at(theta[self.first : self.first + len(self.intrinsics.parameters)])
         return np.asarray(model.derivative(torch.from_numpy(point)).numpy() @ moved)
 
@@ -136,8 +138,7 @@ class Points(_Evidence):
 
     def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
         """Predicted less measured [m]. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
-        frames, place, slope = self.hand(theta)
-        point, moved = frames[self.tracker].seen(place, slope)
+        point, moved = self.point_seen(theta, self.tracker)
         return point - self.observed, moved
 
 
@@ -160,8 +161,7 @@ class Touches(_Evidence):
 
     def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
         """Hand less touched place, in the skin's frame [m]. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
-        frames, place, slope = self.hand(theta)
-        point, moved = frames[self.skin].seen(place, slope)
+        point, moved = self.point_seen(theta, self.skin)
         return point - self.target, moved
 
 
@@ -189,7 +189,7 @@ class Planes(_Evidence):
 
     def residual(self, theta: Float[np.ndarray, "parameters"]) -> Residual:
         """Distance from the plane [m]. See :class:`~bodyimage_kin.estimators.map_fit.Term`."""
-        _, place, slope = self.hand(theta)
+        place, slope = self.point_seen(theta)
         first, second = _across(self.normal)
         a, b, shift = theta[self.plane : self.plane + 3]
         raw = self.normal + a * first + b * second

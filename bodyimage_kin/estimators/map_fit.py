@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+import scipy.linalg
 import scipy.optimize
 from jaxtyping import Bool, Float
 
 from bodyimage_kin._shown import Shown
+from bodyimage_kin.estimators._products import products
 
 __all__ = ["Fit", "Term", "maximum_a_posteriori"]
 
@@ -27,6 +29,8 @@ _TOLERANCE = 1e-10
 _SETTLED = 0.01
 _TO_SIGMA = 1.4826
 """Standard deviation of a normal variable over the median of its absolute value."""
+_CONDITION = 1e-12
+"""Least reciprocal condition of ``J' J`` under which rounding in it does not matter to a descent."""
 _ROUNDING = 1e-12
 """Least noise that is assumed, over the size of the observations: below it nothing is left to explain."""
 
@@ -112,19 +116,21 @@ def maximum_a_posteriori(
         steps: Most steps of descent for each guess of the noise.
     """
     theta = np.zeros(len(sd)) if start is None else np.array(start, dtype=np.float64)
-    guessed = [_guess(term, theta) for term in terms]
+    latest = _Latest(terms)
+    # A noise to begin with: stated, else so large that the start explains all, which lets the prior speak first.
+    guessed = _noises(latest, theta, 0)
     for _ in range(_ROUNDS):
-        theta, cost = _descend(terms, guessed, free, sd, theta, robust, steps)
-        again = [_estimate(term, theta, int(free.sum())) for term in terms]
+        theta, cost = _descend(latest, guessed, free, sd, theta, robust, steps)
+        again = _noises(latest, theta, int(free.sum()))
         settled = all(abs(new - old) <= _SETTLED * old for new, old in zip(again, guessed, strict=True))
         guessed = again
         if settled:
             break
-    return _widths(terms, guessed, free, sd, theta, cost, robust)
+    return _widths(latest, guessed, free, sd, theta, cost, robust)
 
 
 def _descend(
-    terms: Sequence[Term],
+    latest: _Latest,
     sigma: Sequence[float],
     free: Bool[np.ndarray, "parameters"],
     sd: Float[np.ndarray, "parameters"],
@@ -138,23 +144,24 @@ def _descend(
     prior[np.arange(len(prior)), np.flatnonzero(limited)] = 1.0 / sd[limited]
     known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
+    def parts(theta: Float[np.ndarray, "parameters"]) -> list[tuple[np.ndarray, np.ndarray]]:
+        found = [(prior @ theta, prior)]
+        for (r, J), width in zip(latest.at(theta), sigma, strict=True):
+            r, J = _weighted(r / width, J, width, robust)
+            found.append((r.ravel(), J.reshape(r.size, -1)))
+        return found
+
+    if not free.any():
+        return start, 0.5 * sum(float(r @ r) for r, _ in parts(start))
+
     def at(values: Float[np.ndarray, "free"]) -> tuple[np.ndarray, np.ndarray]:
         key = values.tobytes()
         if key not in known:
             known.clear()
             theta = start.copy()
             theta[free] = values
-            rows, slopes = [prior @ theta], [prior[:, free]]
-            for term, width in zip(terms, sigma, strict=True):
-                r, J = term.residual(theta)
-                r, J = _weighted(r / width, J[:, :, free] / width, robust)
-                rows.append(r.ravel())
-                slopes.append(J.reshape(r.size, -1))
-            known[key] = np.concatenate(rows), np.concatenate(slopes)
+            known[key] = _reduced(parts(theta), free)
         return known[key]
-
-    if not free.any():
-        return start, 0.5 * float((at(start[free])[0] ** 2).sum())
 
     def remaining(values: Float[np.ndarray, "free"]) -> np.ndarray:
         return at(values)[0]
@@ -177,12 +184,61 @@ def _descend(
     return theta, float(end.cost)
 
 
+class _Latest:
+    """What remains of all terms, with derivatives, where it was asked for last."""
+
+    def __init__(self, terms: Sequence[Term]) -> None:
+        self.terms = tuple(terms)
+        self._key = b""
+        self._found: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+
+    def at(self, theta: Float[np.ndarray, "parameters"]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        if theta.tobytes() != self._key:
+            self._found = tuple(term.residual(theta) for term in self.terms)
+            self._key = theta.tobytes()
+        return self._found
+
+
+def _reduced(
+    parts: Sequence[tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_ parameters"]]],
+    free: Bool[np.ndarray, "parameters"],
+) -> tuple[Float[np.ndarray, "few"], Float[np.ndarray, "few free"]]:
+    """As few rows as have the same ``|r|``, ``J' r`` and ``J' J``, all that a descent asks for.
+
+    The triangle of a QR decomposition of all rows with r as their last column; where rounding allows, by Cholesky's
+    decomposition of ``J' J``, which is several times faster. There its columns have length one first.
+    """
+    within = np.ix_(free, free)
+    square = sum((J.T @ J)[within] for _, J in parts)
+    length = np.sqrt(np.diag(square))
+    if length.all():
+        inverse = 1.0 / length
+        equal = square * np.outer(inverse, inverse)
+        triangle, failed = scipy.linalg.lapack.dpotrf(equal)
+        if not failed and scipy.linalg.lapack.dpocon(triangle, np.abs(equal).sum(0).max())[0] > _CONDITION:
+            gradient = sum(J.T @ r for r, J in parts)[free]
+            few = scipy.linalg.solve_triangular(triangle, gradient * inverse, trans=1)
+            rest = max(sum(float(r @ r) for r, _ in parts) - float(few @ few), 0.0)
+            return np.append(few, np.sqrt(rest)), np.vstack([triangle * length, np.zeros(len(few))])
+    rows = np.concatenate([np.column_stack([J[:, free], r]) for r, J in parts])
+    triangle = np.linalg.qr(rows, mode="r")
+    triangle = np.vstack([triangle, np.zeros((rows.shape[1] - len(triangle), rows.shape[1]))])
+    return triangle[:, -1], triangle[:, :-1]
+
+
 def _weighted(
-    r: Float[np.ndarray, "count m"], J: Float[np.ndarray, "count m free"], robust: bool
-) -> tuple[Float[np.ndarray, "count m"], Float[np.ndarray, "count m free"]]:
-    """Residuals whose square is rho, and their derivative: ``f = r sqrt(rho(s) / s)`` with ``s = |r|^2``."""
+    r: Float[np.ndarray, "count m"], J: Float[np.ndarray, "count m parameters"], width: float, robust: bool
+) -> tuple[Float[np.ndarray, "count m"], Float[np.ndarray, "count m parameters"]]:
+    """Residuals whose square is rho, and their derivative: ``f = r sqrt(rho(s) / s)`` with ``s = |r|^2``.
+
+    Args:
+        r: Over the noise.
+        J: Of residuals that are not yet over the noise.
+        width: The noise.
+        robust: Whether rho is Cauchy's, else s.
+    """
     if not robust:
-        return r, J
+        return r, J / width
     s = (r**2).sum(1) / CAUCHY**2
     # For small s: rho / s = 1 - s / 2 + ..., and its derivative -1 / 2.
     small = s < 1e-6
@@ -190,28 +246,28 @@ def _weighted(
     share = np.where(small, 1.0 - s / 2, np.log1p(safe) / safe)
     slope = np.where(small, -0.5 + 2 * s / 3, (1.0 / (1.0 + safe) - share) / safe)
     weight = np.sqrt(share)
-    inner = np.einsum("nm,nmk->nk", r, J) / CAUCHY**2
-    f = weight[:, None] * r
-    return f, weight[:, None, None] * J + (slope / weight)[:, None, None] * r[:, :, None] * inner[:, None, :]
+    # Each row of J by one small matrix: weight + slope / weight r r' / c^2.
+    mixed = (slope / (weight * CAUCHY**2 * width))[:, None, None] * r[:, :, None] * r[:, None, :]
+    mixed += (weight / width)[:, None, None] * np.eye(r.shape[1])
+    return weight[:, None] * r, products(mixed, J)
 
 
-def _guess(term: Term, theta: Float[np.ndarray, "parameters"]) -> float:
-    """A noise to begin with: stated, else so large that the start explains all, which lets the prior speak first."""
-    return term.sigma if term.sigma is not None else _estimate(term, theta, 0)
-
-
-def _estimate(term: Term, theta: Float[np.ndarray, "parameters"], free: int) -> float:
+def _noises(latest: _Latest, theta: Float[np.ndarray, "parameters"], free: int) -> list[float]:
     """Stated, else by the median of absolute residuals, what the fit itself takes of them given back."""
-    if term.sigma is not None:
-        return term.sigma
-    residual = term.residual(theta)[0]
-    left = max(residual.size - free, 1)
-    width = _TO_SIGMA * float(np.median(np.abs(residual))) * np.sqrt(residual.size / left)
-    return max(width, _ROUNDING * term.size)
+    found = []
+    for index, term in enumerate(latest.terms):
+        if term.sigma is not None:
+            found.append(term.sigma)
+            continue
+        residual = latest.at(theta)[index][0]
+        left = max(residual.size - free, 1)
+        width = _TO_SIGMA * float(np.median(np.abs(residual))) * np.sqrt(residual.size / left)
+        found.append(max(width, _ROUNDING * term.size))
+    return found
 
 
 def _widths(
-    terms: Sequence[Term],
+    latest: _Latest,
     sigma: Sequence[float],
     free: Bool[np.ndarray, "parameters"],
     sd: Float[np.ndarray, "parameters"],
@@ -221,12 +277,12 @@ def _widths(
 ) -> Fit:
     information = np.zeros((len(sd), len(sd)))
     residuals, slopes, total, count = [], [], 0.0, 0
-    for term, width in zip(terms, sigma, strict=True):
-        r, J = term.residual(theta)
+    for (r, J), width in zip(latest.at(theta), sigma, strict=True):
         s = (r**2).sum(1) / width**2
         # What an observation still weighs: rho'(s).
         weight = 1.0 / (1.0 + s / CAUCHY**2) if robust else np.ones(len(s))
-        information += np.einsum("nmk,n,nml->kl", J, weight / width**2, J, optimize=True)
+        rows = (np.sqrt(weight)[:, None, None] * J).reshape(r.size, -1)
+        information += rows.T @ rows / width**2
         total, count = total + float((weight * s).sum()), count + r.size
         residuals.append(r)
         slopes.append(J)
@@ -240,7 +296,7 @@ def _widths(
         covariance[within] = np.linalg.pinv(precision[within] * np.outer(scale, scale), hermitian=True) * np.outer(
             scale, scale
         )
-    stated = all(term.sigma is not None for term in terms)
+    stated = all(term.sigma is not None for term in latest.terms)
     return Fit(
         theta, free, sd, covariance, information, tuple(sigma), tuple(residuals), tuple(slopes), chi2, cost, stated
     )

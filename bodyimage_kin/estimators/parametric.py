@@ -9,7 +9,7 @@ numbers are zero on the body as it is thought to be, and a joint's origin with i
 
 so that a body that is found has full 6D joint origins, as every URDF can say them. Derivatives are exact, the right
 Jacobian of the exponential included (Sola, Deray and Atchuthan 2018, equation 143), and linear in the number of
-samples.
+samples; where numba may compile, one pass over the samples gives them (:meth:`ParametricBody.seen`).
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from bodyimage_kin._compiled import compiles
 from bodyimage_kin.body import Camera, Embodiment
+from bodyimage_kin.estimators import _point_kernels
 from bodyimage_kin.robot import Robot, transforms
 from bodyimage_kin.robot.tree import Joint
 
@@ -126,6 +128,7 @@ class ParametricBody:
         rows = [robot.joint_index(joint.name) for joint in self.joints]
         columns = [felt.joint_index(name) for name in names]
         self._matrix, self._constant = matrix[rows][:, columns].numpy(), constant[rows].numpy()
+        self._ways: dict[tuple[str, str | None], _Way] = {}
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -178,6 +181,37 @@ class ParametricBody:
                 found[mount.name] = here.frame(here.small, len(self.parameters))
         return found
 
+    def seen(
+        self,
+        q: Float[np.ndarray, "count p"],
+        theta: Float[np.ndarray, "parameters"],
+        mount: str,
+        offset: Float[np.ndarray, "count 3"],
+        observer: str | None = None,
+    ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count 3 parameters"]]:
+        """A point fixed in a mount [m], in the axes of another, and its derivative in all parameters.
+
+        Args:
+            q: Felt postures [rad or m].
+            theta: Values of :attr:`parameters`.
+            mount: Name of the mount.
+            offset: The point in it [m].
+            observer: Name of the other mount; None: the root.
+        """
+        if not compiles():
+            frames = self.frames(q, theta)
+            place, slope = frames[mount].point(offset)
+            return (place, slope) if observer is None else frames[observer].seen(place, slope)
+        if (mount, observer) not in self._ways:
+            self._ways[mount, observer] = self._way(mount, observer)
+        way = self._ways[mount, observer]
+        values, offset = q @ self._matrix.T + self._constant, np.ascontiguousarray(offset)
+        point, slope = np.empty((len(q), 3)), np.zeros((len(q), 3, len(self.parameters)))
+        _point_kernels.seen(
+            values, theta, way.origins, way.bases, way.axes, way.kinds, way.firsts, way.back, offset, point, slope
+        )
+        return point, slope
+
     def corrected(self, theta: Float[np.ndarray, "parameters"]) -> dict[str, Float[np.ndarray, "4 4"]]:
         """Joint -> its origin with these numbers."""
         return {
@@ -218,6 +252,30 @@ class ParametricBody:
 
     # Inner -----------------------------------------------------------------------------------------------------------
 
+    def _way(self, mount: str, observer: str | None) -> _Way:
+        """From where the ways to both part: to the observer, then to the mount."""
+        named = {one.name: one for one in self.mounts}
+        ends = [None if observer is None else named[observer], named[mount]]
+        paths = [() if end is None else self._paths[end.link] for end in ends]
+        shared = sum(one.name == other.name for one, other in zip(*paths, strict=False))
+        steps: list[tuple[np.ndarray, np.ndarray, np.ndarray, int, int]] = []
+        back = 0
+        for end, path in zip(ends, paths, strict=True):
+            back = len(steps)
+            fixed = np.eye(4)
+            for joint in path[shared:]:
+                fixed = fixed @ _origin(joint)
+                if joint.kind != "fixed":
+                    kind = _point_kernels.PRISMATIC if joint.kind == "prismatic" else _point_kernels.REVOLUTE
+                    axis = np.asarray(joint.axis, dtype=np.float64)
+                    steps.append((fixed, _basis(joint), axis, kind, self._first[joint.name]))
+                    fixed = np.eye(4)
+            if end is not None:
+                first = self._first[f"mount {end.name}"]
+                steps.append((fixed @ end.link_T_mount, np.eye(3), np.zeros(3), _point_kernels.HELD, first))
+        origins, bases, axes, kinds, firsts = (np.array(column) for column in zip(*steps, strict=True))
+        return _Way(origins, bases, axes, kinds, firsts, back)
+
     def _link(
         self,
         link: str,
@@ -253,6 +311,18 @@ class ParametricBody:
             here = replace(here, rotation=here.rotation @ _turns(axis, value))
             motion = _Acted(first // 6, here.position, np.zeros_like(direction), direction)
         return replace(here, motions=(*here.motions, motion))
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """Steps from an observer's mount to another; see :func:`bodyimage_kin.estimators._point_kernels.seen`."""
+
+    origins: Float[np.ndarray, "steps 4 4"]
+    bases: Float[np.ndarray, "steps 3 3"]
+    axes: Float[np.ndarray, "steps 3"]
+    kinds: Int[np.ndarray, "steps"]
+    firsts: Int[np.ndarray, "steps"]
+    back: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,19 +391,9 @@ def _small(
     numbers: Float[np.ndarray, "6"], basis: Float[np.ndarray, "3 3"]
 ) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "3 3"]]:
     """The pose of six numbers, and the right Jacobian of its rotation times the basis."""
-    shift, turn = basis @ numbers[:3], basis @ numbers[3:]
-    angle = float(np.linalg.norm(turn))
-    cross = _cross(turn)
-    if angle < 1e-4:
-        # Taylor: what is left out is below rounding.
-        one, two, three = 1 - angle**2 / 6, 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
-    else:
-        one = np.sin(angle) / angle
-        two = (1 - np.cos(angle)) / angle**2
-        three = (angle - np.sin(angle)) / angle**3
-    square = cross @ cross
-    rotation = np.eye(3) + one * cross + two * square
-    return transforms.transform(rotation, shift), (np.eye(3) - two * cross + three * square) @ basis
+    rotation, shift, right = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    _point_kernels.small(np.ascontiguousarray(numbers), np.ascontiguousarray(basis), rotation, shift, right)
+    return transforms.transform(rotation, shift), right
 
 
 def _cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:

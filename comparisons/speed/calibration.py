@@ -123,7 +123,7 @@ def main() -> None:
     (HERE / "calibration.json").write_text(json.dumps(result, indent=1) + "\n")
     (HERE / "calibration.md").write_text(
         "| what | processor time [s] |\n| --- | --- |\n"
-        f"| 36 numbers on 1,000 poses, ours | {np.median(ours):.2f} |\n"
+        f"| 36 numbers on 1,000 poses, ours | {np.median(ours):.3f} |\n"
         f"| the same, finite differences over a Pinocchio loop | {np.median(theirs):.2f} |\n"
         f"| ratio (same answer to {apart:.1e} of the prior) | {result['ratio']:.0f} |\n"
         f"| {len(ESTIMATORS)} estimators scored without a truth on {len(poses)} poses | {scoring:.1f} |\n"

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.optimize
 import torch
 
 import bodyimage_kin as bk
@@ -13,6 +14,7 @@ from bodyimage_kin.estimators.evidence import Images, Planes, Points, Touches
 from bodyimage_kin.estimators.intrinsics import Intrinsics
 from bodyimage_kin.estimators.map_fit import maximum_a_posteriori
 from bodyimage_kin.estimators.parametric import Mount, Parameter, ParametricBody
+from bodyimage_kin.robot import transforms
 
 STEP = 1e-6
 HAND = np.array([0.01, 0.02, 0.03])
@@ -161,6 +163,84 @@ def test_two_kinds_of_evidence_weigh_by_their_noise(setup):
     assert fit.stated
     assert np.abs(fit.residuals[0]).max() < 1e-5
     assert np.abs(fit.residuals[1]).max() > 0.01
+
+
+def slide():
+    """A rail, then a wrist, an eye on the cart."""
+    robot = bk.Robot.from_urdf(
+        """<robot name="slide"><link name="base"/><link name="cart"/><link name="hand"/>
+        <joint name="rail" type="prismatic"><parent link="base"/><child link="cart"/><origin xyz="0 0 1" rpy=".3 0 1"/>
+        <axis xyz=".6 .8 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+        <joint name="wrist" type="revolute"><parent link="cart"/><child link="hand"/><origin xyz="0 .1 0"/>
+        <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+    )
+    poses = [transforms.transform(transforms.rpy_matrix((0.1, 0.2, k)), (k, 0.0, 0.1)) for k in (0.3, 0.4, 0.5)]
+    links = [("hand", "hand"), ("camera", "cart"), ("tracker", "base")]
+    mounts = [Mount(name, name, link, pose) for (name, link), pose in zip(links, poses, strict=True)]
+    return ParametricBody(robot, ("rail", "wrist"), mounts)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-5, 0.1, 1.5])
+@pytest.mark.parametrize("slides", [False, True])
+def test_one_compiled_pass_gives_what_frames_give(setup, size, slides, monkeypatch):
+    parametric, _, q = setup
+    if slides:
+        parametric, q = slide(), np.random.default_rng(4).uniform(-1.0, 1.0, (40, 2))
+    theta = drawn(parametric, size)
+    # Offsets that differ from sample to sample, as contacts at several places of a finger do.
+    where = HAND + 0.01 * np.random.default_rng(5).standard_normal((len(q), 3))
+    frames = parametric.frames(q, theta)
+    for mount in frames:
+        for observer in (None, *frames):
+            place, slope = frames[mount].point(where)
+            if observer is not None:
+                place, slope = frames[observer].seen(place, slope)
+            found = parametric.seen(q, theta, mount, where, observer)
+            monkeypatch.setattr("bodyimage_kin.estimators.parametric.compiles", lambda: False)
+            otherwise = parametric.seen(q, theta, mount, where, observer)
+            monkeypatch.undo()
+            for one, other, expected in zip(found, otherwise, (place, slope), strict=True):
+                np.testing.assert_allclose(one, expected, rtol=1e-12, atol=1e-12)
+                np.testing.assert_array_equal(other, expected)
+
+
+@pytest.mark.parametrize("prior", [True, False])
+@pytest.mark.parametrize("rows", [12, 40])
+def test_a_descent_on_few_rows_ends_where_one_on_all_rows_ends(setup, prior, rows):
+    """With a prior, where rounding allows to square, and without, where directions that nothing tells must not move."""
+    parametric, _, q = setup
+    free = np.array([one.group in ("axes", "offsets", "hand") for one in parametric.parameters])
+    sd = np.full(len(free), 0.02 if prior else np.inf)
+    many = np.tile(q, (4, 1))[:rows] + 0.05 * np.random.default_rng(6).standard_normal((rows, q.shape[1]))
+    term = Points("points", parametric, many, offsets(many), 1e-3, "hand", "tracker", np.zeros((rows, 3)))
+    observed = term.residual(drawn(parametric, 0.01))[0]
+    term = dataclasses.replace(term, observed=observed + 1e-3 * np.random.default_rng(7).standard_normal((rows, 3)))
+    fit = maximum_a_posteriori([term], free=free, sd=sd, robust=False)
+
+    def at(values):
+        theta = np.zeros(len(free))
+        theta[free] = values
+        r, slope = term.residual(theta)
+        prior_rows = np.diag(1.0 / sd[free])
+        return (
+            np.concatenate([r.ravel() / 1e-3, prior_rows @ values]),
+            np.vstack([slope.reshape(r.size, -1)[:, free] / 1e-3, prior_rows]),
+        )
+
+    end = scipy.optimize.least_squares(
+        lambda values: at(values)[0],
+        np.zeros(int(free.sum())),
+        lambda values: at(values)[1],
+        x_scale=np.where(np.isfinite(sd), sd, 1.0)[free],
+        xtol=1e-10,
+        ftol=1e-10,
+        gtol=1e-10,
+    )
+    assert fit.cost == pytest.approx(end.cost, rel=1e-8)
+    if prior:
+        np.testing.assert_allclose(fit.theta[free], end.x, atol=1e-7)
+    else:
+        assert np.linalg.norm(fit.theta[free]) == pytest.approx(np.linalg.norm(end.x), rel=1e-3)
 
 
 def test_prismatic_joints_have_their_zero_along_the_axis():

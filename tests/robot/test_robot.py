@@ -30,9 +30,18 @@ def test_a_path_a_string_and_bytes_give_the_same_robot(tmp_path):
     assert robots[0].sha256 == robots[3].sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-@pytest.mark.parametrize("source", ["no/such/file.urdf", b"no/such/file.urdf", "", "bad\0path", "."])
-def test_a_file_that_cannot_be_read_says_what_to_give(source):
-    with pytest.raises(InvalidURDF, match=r"cannot read .*; give a path, or text beginning with '<'"):
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("no/such/file.urdf", "cannot read .*"),
+        (b"no/such/file.urdf", "cannot read .*"),
+        ("", "the text is empty"),
+        ("bad\0path", "neither XML nor a path"),
+        (".", "cannot read .*"),
+    ],
+)
+def test_a_file_that_cannot_be_read_says_what_to_give(source, said):
+    with pytest.raises(InvalidURDF, match=rf"{said}; give a path, or text beginning with '<'"):
         bk.Robot.from_urdf(source)
 
 

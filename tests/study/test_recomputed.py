@@ -16,6 +16,7 @@ import bodyimage_kin as bk
 from bodyimage_kin import metrics
 from bodyimage_kin.body_image import BodyImage, PostureSOM, integrate
 from bodyimage_kin.study import SCORES, Simulation, Study
+from bodyimage_kin.study.scores import HELD_OUT
 
 ENCODER, IMAGE = 2e-3, 5e-4
 SEEDS, ENTROPY = (3, 8), 7
@@ -96,7 +97,7 @@ class Recomputed:
         touching = felt["q"].values[0][felt["touched"].values[0, :, 0] >= 0]
         som = PostureSOM.fit(touching, (8, 8), of_posture_map)
         truth = self.body.hand_image(self.probes["on_face"]).numpy().reshape(21, 21, 2)
-        asked = {"grid": (21, 21), "image_range": bounds, "posture_som": som}
+        asked = {"skin": (21, 21), "image_range": bounds, "posture_som": som}
         found = []
         for seed in first:
             maps = BodyImage.learn(felt, hand, seed=seed, **asked)
@@ -142,7 +143,8 @@ def close(found, wanted, rtol=1e-9):
 
 def test_every_score_is_recomputed_somewhere(results):
     recomputed = {
-        "relative_error", "relative_error_use", "scale_free_error", "attribution", "best_scale", "scale_along_truth",
+        "relative_error", "relative_error_use", "relative_error_moved", "scale_free_error", "attribution",
+        "best_scale", "scale_along_truth",
         "relative_error_by_posture", "scale_free_error_by_posture", "critical_gain_by_posture",
         "scale_by_posture", "variation_by_posture", "basin_by_posture",
         "displacement_error", "velocity_correlation", "velocity_nrmse", "trajectory_rmse", "trajectory_split",
@@ -150,7 +152,8 @@ def test_every_score_is_recomputed_somewhere(results):
         "map_disparity", "map_folded_cells", "posture_map_error",
     }  # fmt: skip
     measured_only = {"fit_seconds"}
-    assert set(SCORES) == recomputed | measured_only
+    held_against_bk_score = set(HELD_OUT)  # in test_held_out_scores.py
+    assert set(SCORES) == recomputed | measured_only | held_against_bk_score
     assert set(SCORES) <= set(results.data_vars)
 
 
@@ -188,6 +191,16 @@ def test_scores_at_a_probe(pair, probe):
     np.testing.assert_allclose(by_posture["scale_free_error_by_posture"], free, rtol=1e-5, atol=1e-9)
     gain = metrics.critical_gain(metrics.servo_matrix(J, Jh))
     close(by_posture["critical_gain_by_posture"], gain)
+
+
+def test_the_error_in_the_directions_that_moved(pair):
+    one, again, learned = pair
+    q, J = again.probes["training"].numpy(), again.true["training"]
+    Jh = learned.jacobian(torch.from_numpy(q)).detach().numpy()
+    spectrum = metrics.local_spectrum(q, noise=ENCODER)
+    moved = metrics.pooled_relative_error(spectrum.restrict(J), spectrum.restrict(Jh))
+    close(one["relative_error_moved"], moved)
+    assert moved != pytest.approx(float(one["relative_error"].sel(probe="training")))
 
 
 def test_scores_of_displacements_and_of_the_path_they_sum_to(pair):
