@@ -42,7 +42,7 @@ def altered(kind):
     elif kind == "turned":
         true[UNITS == 8] = MIDDLES[8] + TRIANGLE @ turned(2 * np.pi / 3).T
     else:
-        true[UNITS == 8] += (0.012, -0.009)
+        true[UNITS == 8] += (0.008, -0.006)
     return true
 
 
