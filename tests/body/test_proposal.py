@@ -82,7 +82,7 @@ def test_links_that_run_into_each_other_are_told_and_neighbours_never(proposal):
         ("left_hand", {"camera": "eye"}, "eye"),
         ("head", {}, "no joint moves link 'head'"),
         ("left_hand", {"forward": (0, 0, 1)}, "not vertical"),
-        ("left_foot", {}, "gets no nearer than"),
+        pytest.param("left_foot", {}, "gets no nearer than", marks=pytest.mark.slow),
     ],
 )
 def test_what_cannot_be_proposed_is_said(hand, settings, said):
@@ -90,6 +90,7 @@ def test_what_cannot_be_proposed_is_said(hand, settings, said):
         propose(bk.load_embodiment("infant").robot, hand, **settings)
 
 
+@pytest.mark.slow
 def test_a_robot_whose_hand_stays_in_a_plane_below_the_face_is_told_how_far_it_gets():
     robot = bk.Robot.from_urdf(ARM.format(y=0))
     with pytest.raises(BodyImageKinError, match=r"gets no nearer than 3.. mm") as told:

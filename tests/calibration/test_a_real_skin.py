@@ -39,6 +39,7 @@ def places(path):
 
 
 @pytest.mark.real_data
+@pytest.mark.slow
 def test_an_arm_that_touched_its_chest(real_data):
     positions = places(real_data / "nao" / "Transformations" / "torso.txt")
     taxel = np.cumsum(np.isfinite(positions[:, 0])) - 1
