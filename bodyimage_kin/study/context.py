@@ -336,7 +336,7 @@ class Score:
         long_name: What it is.
         of: Numbers (or text) of these dimensions, from the context; raises :class:`LeftOut` where it finds that
             there are none.
-        units: ``"1"`` where it has none; :data:`IMAGE` where it is that of the hand image.
+        units: ``"1"`` where it has none; ``IMAGE`` where it is that of the hand image.
         needs: What must be there (:attr:`Context.has`); where it is not, the score is left out.
         labels: Dimension -> names along it; of ``probe`` and ``axis`` they are known.
         source: Where its formula is.
