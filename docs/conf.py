@@ -65,7 +65,8 @@ sphinx_gallery_conf = {
 
 nitpicky = True
 # Types in signatures need no page: those of other libraries, jaxtyping's shapes (a `*` cuts them in two), helpers of
-# our own. Names that pages link to are checked by tests/test_docs.py, functions and methods that docstrings link to are checked here.
+# our own. Names that pages link to are checked by tests/test_docs.py, functions and methods that docstrings link to are
+# checked here.
 nitpick_ignore_regex = [
     ("py:class", r"[A-Z]\w*|'.*'|'|[ \w]*'|bodyimage_kin\.[\w.]+|st\.SearchStrategy|optional"),
     ("py:.*", r"(numpy|np|torch|xr|xarray|pandas|scipy|jaxtyping|matplotlib|hypothesis|mujoco|pinocchio|trimesh)\..*"),
