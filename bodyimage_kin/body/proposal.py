@@ -86,7 +86,7 @@ def propose(
         robot: The robot.
         hand: The link that touches.
         camera: The link that carries the eye; None: the first whose name speaks of an eye, a camera or a head.
-        skin: The link that bears the skin; None: the camera's, or the nearest above it that has a shape.
+        skin: The link that bears the skin; None: the camera's, or the nearest above it that is as large as a face.
         forward: (3,) where the robot looks at home, in the root; None: along x, to the side where the hand moves.
         name: The body's; None: the robot's.
         mesh_folder: Where meshes may lie, subfolders included; None: where the robot says.
@@ -95,8 +95,9 @@ def propose(
         The body, why it is as it is, and what keeps it from working.
 
     Raises:
-        UnknownName: No such link, or none that could be an eye.
-        InvalidConfig: No joint between skin and hand, or a forward direction that is none.
+        UnknownName: No such link.
+        InvalidConfig: No link named after an eye or a head, no joint between skin and hand, or a forward direction that
+            is none.
         InvalidGeometry: A link without any shape for a skin.
         Unreachable: The hand gets nowhere near the face; says by how much.
     """
