@@ -249,7 +249,10 @@ class _Design:
         D = self.slopes(q[order])
         # In units of the prior, so that radians and metres are inverted alike.
         scale = np.outer(self.sds, self.sds)
-        S = np.linalg.inv(self.precision * scale) * scale
+        # The prior alone makes no value of the precision less than one; what was seen without noise makes others so
+        # large that rounding would take them below zero.
+        values, vectors = np.linalg.eigh(self.precision * scale)
+        S = (vectors / np.maximum(values, 1.0)) @ vectors.T * scale
         left = np.ones(len(order), dtype=bool)
         chosen: list[int] = []
         errors = [float(np.sqrt(np.trace(A @ S)))]
