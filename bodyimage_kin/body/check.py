@@ -246,11 +246,13 @@ def _dynamics(body: Embodiment) -> Iterator[Finding]:
     follower = next((joint.name for joint in body.felt_robot.tree.joints if joint.mimic is not None), None)
     carried = [joint.name for joint in body.felt_robot.path(body.front_link) if joint.kind != "fixed"]
     moving = body.robot.subtree(body.robot.link_names, joints=body.joints, posture=body.home)
-    heavy = any(
-        (inertial := body.robot.geometry[link].inertial) is not None and inertial.mass > 0.0
+    heavy = {
+        link: inertial
         for link in moving.link_names
         if any(joint.kind != "fixed" for joint in moving.path(link))
-    )
+        and (inertial := body.robot.geometry[link].inertial) is not None
+        and inertial.mass > 0.0
+    }
     why = [
         f"joint '{follower}' follows a felt joint" if follower else "",
         f"felt joint '{carried[-1]}' moves '{body.front_link}', in front of which the hand is dragged"
@@ -265,14 +267,7 @@ def _dynamics(body: Embodiment) -> Iterator[Finding]:
         said = ", ".join(filter(None, why))
         yield Finding("note", "dynamics", f"the arm cannot be dragged: {said}; simulate with dynamics=False")
         return
-    pointlike = [
-        link
-        for link in moving.link_names
-        if any(joint.kind != "fixed" for joint in moving.path(link))
-        and (inertial := body.robot.geometry[link].inertial) is not None
-        and inertial.mass > 0.0
-        and not any(inertial.moments or ())
-    ]
+    pointlike = [link for link, inertial in heavy.items() if not any(inertial.moments or ())]
     if pointlike:
         told = ", ".join(map(repr, pointlike[:5])) + (" ..." if len(pointlike) > 5 else "")
         yield Finding(

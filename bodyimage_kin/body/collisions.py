@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
-from bodyimage_kin.backends import kinematics
+from bodyimage_kin.backends import RobotKinematics, kinematics
 from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.meshes import triangulate
@@ -65,22 +65,22 @@ class Hulls:
 
     Attributes:
         robot: The robot.
+        joints: Only pairs that these joints move against each other count.
         mesh_folder: Where meshes may lie, subfolders included; None: where the robot says.
     """
 
     robot: Robot
+    joints: Sequence[str]
     mesh_folder: Path | None = None
 
-    def collisions(self, q: Float[Tensor, "n"], joints: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    def collisions(self, q: Float[Tensor, "n"]) -> tuple[tuple[str, str], ...]:
         """Pairs of links that overlap at a posture of the whole robot.
 
         Args:
             q: (n,) [rad or m].
-            joints: Only pairs that these joints move against each other.
         """
-        pairs = self._pairs(frozenset(joints))
         poses = self._poses(q[None])
-        return tuple(pair for pair in pairs if self._overlap(pair, poses, 0))
+        return tuple(pair for pair in self._pairs if self._overlap(pair, poses, 0))
 
     @cached_property
     def shapes(self) -> Mapping[str, tuple[Any, ...]]:
@@ -92,36 +92,32 @@ class Hulls:
         return {link: parts for link, parts in hulls.items() if parts}
 
     def _poses(self, q: Float[Tensor, "batch n"]) -> dict[str, Float[np.ndarray, "batch 4 4"]]:
-        kin = kinematics(self.robot)
-        return {link: kin.pose(q, link).numpy() for link in self.shapes}
+        return {link: self._kinematics.pose(q, link).numpy() for link in self.shapes}
 
-    def _pairs(self, joints: frozenset[str]) -> list[tuple[str, str]]:
+    @cached_property
+    def _kinematics(self) -> RobotKinematics:
+        return kinematics(self.robot)
+
+    @cached_property
+    def _pairs(self) -> list[tuple[str, str]]:
         """Pairs that the joints move against each other, and that some postures part."""
-        if joints not in self._known:
-            body = self._welded()
-            moved = {
-                link: {name for joint in self.robot.path(link) if (name := self._source(joint)) in joints}
-                for link in self.shapes
-            }
-            pairs = [
-                (one, other)
-                for one, other in itertools.combinations(self.shapes, 2)
-                if moved[one] != moved[other] and body[one][0] not in body[other] and body[other][0] != body[one][1]
-            ]
-            poses = self._poses(self.robot.sample(_DRAWN, seed=0))
-            self._known[joints] = [
-                pair
-                for pair in pairs
-                if np.mean([self._overlap(pair, poses, index) for index in range(_DRAWN)]) < _ALWAYS
-            ]
-        return self._known[joints]
+        body = self._welded()
+        moved = {
+            link: {name for joint in self.robot.path(link) if (name := self._source(joint)) in self.joints}
+            for link in self.shapes
+        }
+        pairs = [
+            (one, other)
+            for one, other in itertools.combinations(self.shapes, 2)
+            if moved[one] != moved[other] and body[one][0] not in body[other] and body[other][0] != body[one][1]
+        ]
+        poses = self._poses(self.robot.sample(_DRAWN, seed=0))
+        return [
+            pair for pair in pairs if np.mean([self._overlap(pair, poses, index) for index in range(_DRAWN)]) < _ALWAYS
+        ]
 
     def _source(self, joint: Joint) -> str:
         return "" if joint.kind == "fixed" else self.robot.source_of(joint.name)[0]
-
-    @cached_property
-    def _known(self) -> dict[frozenset[str], list[tuple[str, str]]]:
-        return {}
 
     def _welded(self) -> dict[str, tuple[str, str]]:
         """For each link the first link of the rigid body it belongs to, and that of the body it hangs on."""

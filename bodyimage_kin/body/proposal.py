@@ -122,7 +122,7 @@ def _proposed(
     palm = _hand(robot, hand, folder, said)
     home = torch.zeros(robot.n, dtype=torch.float64).clamp(robot.lower, robot.upper)
     root_T_face, root_T_eye = (kinematics(robot).pose(home, link).numpy() for link in (face, eye))
-    hulls = Hulls(robot, folder)
+    hulls = Hulls(robot, joints, folder)
     wide = VirtualScreen(distance=0.04, near=1e-4, half_angle=math.radians(80.0))
     for share in _SMALLER:
         of_this = list[str]()
@@ -351,7 +351,7 @@ def _at_home(body: Embodiment, hulls: Hulls, said: list[str]) -> Embodiment:
                 # It has been looked for from all over the joint space already.
                 break
             if bool(body.visible(q[0])):
-                hits = len(hulls.collisions(body.full_posture(q[0]), body.joints))
+                hits = len(hulls.collisions(body.full_posture(q[0])))
                 margin = float(torch.minimum((q[0] - low) / (high - low), (high - q[0]) / (high - low)).min())
                 tried.append((hits, -round(margin, 3), q[0]))
         if tried:
@@ -408,7 +408,7 @@ def _rebuilt(body: Embodiment, *, home: Mapping[str, float] | None = None, camer
 def _hit(body: Embodiment, hulls: Hulls) -> tuple[Finding, ...]:
     """Collisions at home and while touching, as findings."""
     found = []
-    at_home = hulls.collisions(body.home, body.joints)
+    at_home = hulls.collisions(body.home)
     if at_home:
         pairs = ", ".join(f"'{one}' and '{other}'" for one, other in at_home[:3])
         found.append(Finding("note", "joints", f"at home {pairs} overlap (convex hulls); look at the picture"))

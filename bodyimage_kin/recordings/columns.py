@@ -20,10 +20,10 @@ from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.recordings._look import FACTORS, Chosen, Look, Part, Units
 from bodyimage_kin.recordings.from_arrays import recording
 from bodyimage_kin.recordings.resampling import clock, interpolated, last_before
-from bodyimage_kin.recordings.tables import MOST_ROWS, Table, matching, read_table
+from bodyimage_kin.recordings.tables import Table, matching, read_table
 from bodyimage_kin.robot import Robot
 
-__all__ = ["Column", "Columns", "read_columns", "recording_of"]
+__all__ = ["Column", "Columns", "recording_of", "table_for"]
 
 Column: TypeAlias = str | int
 """A column's name, or where it stands (from 0)."""
@@ -35,30 +35,10 @@ _LISTS = ("touched", "intensity")
 _PARTS = ("q", "hand_image", "hand_position", "hand_offset")
 
 
-def read_columns(
-    path: Path,
-    columns: Columns | None = None,
-    *,
-    units: Units | None = None,
-    robot: Robot | Embodiment | None = None,
-    joints: Sequence[str] | None = None,
-    order: Literal["stream", "scattered"] | str | None = None,
-    size: Sequence[int] | None = None,
-    unseen: Sequence[float | int] = (),
-    where: Mapping[Column, float | int | str] | None = None,
-    gap: float | int | None = None,
-    sampling: float | int | None = None,
-    variable: str | None = None,
-    decimal: str = ".",
-    most_rows: int = MOST_ROWS,
-) -> xr.Dataset:
-    """A recording from a table; :func:`bodyimage_kin.read_recording` says what each argument is."""
+def table_for(path: Path, columns: Columns | None, variable: str | None = None, decimal: str = ".") -> Table:
+    """The table of a file, its columns by position where these columns are given so."""
     by_position = columns is not None and all(isinstance(one, int) for one in _named(columns))
-    table = read_table(path, by_position=by_position, variable=variable, decimal=decimal, most_rows=most_rows)
-    return recording_of(
-        table, columns, units=units, robot=robot, joints=joints, order=order, size=size, unseen=unseen, where=where,
-        gap=gap, sampling=sampling,
-    )  # fmt: skip
+    return read_table(path, by_position=by_position, variable=variable, decimal=decimal)
 
 
 def recording_of(

@@ -17,7 +17,7 @@ from bodyimage_kin.errors import InvalidConfig, InvalidRecording
 from bodyimage_kin.recordings._attributes import decoded, encoded
 from bodyimage_kin.recordings._look import Units
 from bodyimage_kin.recordings.bags import is_bag, read_bag
-from bodyimage_kin.recordings.columns import Column, Columns, read_columns, recording_of
+from bodyimage_kin.recordings.columns import Column, Columns, recording_of, table_for
 from bodyimage_kin.recordings.schema import COORDINATES, VARIABLES, check, with_blocks
 from bodyimage_kin.recordings.tables import TABLES
 from bodyimage_kin.robot import Robot
@@ -118,20 +118,18 @@ def read_recording(
         InvalidRecording: A file that is missing, is no NetCDF, claims to hold more than a GiB, lacks a variable or
             holds something else in one.
     """
+    options: dict[str, Any] = {
+        "units": units, "order": order, "size": size, "unseen": unseen, "gap": gap, "sampling": sampling,
+    }  # fmt: skip
     if is_bag(Path(path)) and Path(path).exists():
         if variable is not None or where is not None:
             raise InvalidConfig("variable and where are of tables; of a bag give topics in columns")
-        return _from_bag(
-            Path(path), columns, robot, joints, join_within, units=units, order=order, size=size, unseen=unseen,
-            gap=gap, sampling=sampling,
-        )  # fmt: skip
+        return _from_bag(Path(path), columns, robot, joints, join_within, **options)
     if not Path(path).is_file():
         raise InvalidRecording(f"there is no recording at '{path}'")
     if Path(path).suffix.lower() in TABLES:
-        return read_columns(
-            Path(path), columns, units=units, robot=robot, joints=joints, order=order, size=size, unseen=unseen,
-            where=where, gap=gap, sampling=sampling, variable=variable, decimal=decimal,
-        )  # fmt: skip
+        table = table_for(Path(path), columns, variable, decimal)
+        return recording_of(table, columns, robot=robot, joints=joints, where=where, **options)
     of_tables: dict[str, object] = {
         "columns": columns, "units": units, "robot": robot, "joints": joints, "order": order, "size": size,
         "unseen": unseen or None, "where": where, "gap": gap, "sampling": sampling, "variable": variable,

@@ -50,7 +50,7 @@ def test_the_hand_of_a_proposed_body_is_seen_in_front_of_the_face_and_never_on_i
 
 def test_home_is_clear_of_the_body_and_in_front_of_the_middle(proposal):
     body = proposal.body
-    assert Hulls(body.robot).collisions(body.home, body.joints) == ()
+    assert Hulls(body.robot, body.joints).collisions(body.home) == ()
     ahead = body.hand_in_skin(body.felt_home).numpy() - body.touch_centres([body.skin.middle])[0].numpy()
     np.testing.assert_allclose(ahead, 0.05 * body.skin.forward, atol=2e-3)  # joints are rounded to a milliradian
 
@@ -64,14 +64,14 @@ def test_a_proposal_says_why_and_is_written_and_read_back(proposal, tmp_path):
 
 def test_links_that_run_into_each_other_are_told_and_neighbours_never(proposal):
     body = proposal.body
-    hulls = Hulls(body.robot)
+    hulls = Hulls(body.robot, body.joints)
     inside = body.touch_postures([body.skin.middle], 0.0)[0]
     into_the_head, reached = body.reach(body.touch_centres([body.skin.middle], -0.04))
     assert bool(reached.all())
-    hit = hulls.collisions(body.full_posture(into_the_head[0]), body.joints)
+    hit = hulls.collisions(body.full_posture(into_the_head[0]))
     assert any({"head", "left_hand"} == set(pair) for pair in hit)
     assert not any("left_upper_arm" in pair and "left_forearm" in pair for pair in hit)
-    assert not any({"head", "left_hand"} == set(pair) for pair in hulls.collisions(body.home, body.joints))
+    assert not any({"head", "left_hand"} == set(pair) for pair in hulls.collisions(body.home))
     assert inside.shape == (body.p,)
 
 

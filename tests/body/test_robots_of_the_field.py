@@ -39,7 +39,7 @@ def test_a_humanoid_is_fit_for_the_experiment(name):
 @pytest.mark.parametrize("name", ["g1", "romeo", "talos"])
 def test_at_home_a_humanoid_does_not_run_into_itself(name):
     body = bk.load_embodiment(name)
-    assert Hulls(body.robot).collisions(body.home, body.joints) == ()
+    assert Hulls(body.robot, body.joints).collisions(body.home) == ()
 
 
 @installed
