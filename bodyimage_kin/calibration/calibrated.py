@@ -225,7 +225,7 @@ class Calibrated:
         column = self.problem.body.joints.index(joint)
         found = {}
         for label, term, left in zip(self.labels, self.problem.terms, self.fit.residuals, strict=True):
-            order = np.argsort(term.q[:, column], kind="stable")  # type: ignore[attr-defined]
+            order = np.argsort(term.q[:, column], kind="stable")
             size = np.linalg.norm(left, axis=1)
             found[label] = np.array([np.median(size[part]) for part in np.array_split(order, parts) if len(part)])
         return found
@@ -233,7 +233,7 @@ class Calibrated:
     @cached_property
     def still(self) -> tuple[str, ...]:
         """Joints that hardly moved in all that was observed."""
-        q = np.concatenate([term.q for term in self.problem.terms])  # type: ignore[attr-defined]
+        q = np.concatenate([term.q for term in self.problem.terms])
         spread = q.max(0) - q.min(0)
         return tuple(name for name, one in zip(self.problem.body.joints, spread, strict=True) if one < _MOVES)
 

@@ -45,6 +45,11 @@ class Term(Protocol):
         ...
 
     @property
+    def q(self) -> Float[np.ndarray, "count p"]:
+        """The postures in which it was observed [rad or m]."""
+        ...
+
+    @property
     def sigma(self) -> float | None:
         """Standard deviation of its noise in each coordinate [its unit]; None: unknown."""
         ...

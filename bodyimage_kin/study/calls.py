@@ -101,9 +101,10 @@ def run(call: Call, begin: Callable[[Any], None]) -> Any:
         call: What is to be done.
         begin: Called with each step as it begins, and with what came of it.
     """
-    said = call.work(*call.arguments)
-    if isinstance(said, Generator):
-        for said in said:  # noqa: B020 (what is yielded last is what came of it)
+    said = steps = call.work(*call.arguments)
+    if isinstance(steps, Generator):
+        # What is yielded last is what came of it.
+        for said in steps:
             begin(said)
     return said
 

@@ -121,8 +121,8 @@ class InProcess(Ours):
                     future.set_result(here(call, printed.into))
                 else:
                     # As `run` does, which a reader then need not pass.
-                    said = call.work(*call.arguments)
-                    for said in said if isinstance(said, Generator) else ():  # noqa: B020
+                    said = steps = call.work(*call.arguments)
+                    for said in steps if isinstance(steps, Generator) else ():
                         printed.into(said)
                     future.set_result(said)
             except Exception as problem:

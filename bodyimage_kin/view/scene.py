@@ -289,19 +289,16 @@ class Scene(Shown):
         )
 
     def _hand(self, felt: torch.Tensor, at: tuple[xr.Dataset, int, int] | None) -> Float[np.ndarray, "3"]:
-        if at is not None and "true_hand_position" in at[0]:
-            there = at[0]["true_hand_position"].values[at[1], at[2]]
-            if np.isfinite(there).all():
-                return np.asarray(there)
+        there = _recorded(at, "true_hand_position")
+        if there is not None:
+            return there
         return self.body.hand_position(felt, self._offset(at)).numpy()
 
     def _image(self, felt: torch.Tensor, at: tuple[xr.Dataset, int, int] | None) -> Float[np.ndarray, "m"]:
         """The true image of the hand where there is a truth, else that of the posture."""
-        for name in ("true_hand_image", "hand_image") if at is not None else ():
-            if name in at[0]:  # type: ignore[index]
-                there = at[0][name].values[at[1], at[2]]  # type: ignore[index]
-                if np.isfinite(there).all():
-                    return np.asarray(there)
+        there = _recorded(at, "true_hand_image", "hand_image")
+        if there is not None:
+            return there
         return self.body.hand_image(felt, self._offset(at), on_invisible="nan").numpy()
 
     @staticmethod
@@ -471,3 +468,14 @@ def _words(of: xr.Dataset, trial: int, index: int) -> list[str]:
 
 def _size(value: float, unit: str) -> str:
     return f"{1e3 * value:.1f} mm" if unit == "m" else f"{value:.1f} {unit}"
+
+
+def _recorded(at: tuple[xr.Dataset, int, int] | None, *names: str) -> Float[np.ndarray, "values"] | None:
+    """The first of these variables that a recording has, all finite, at a trial and time; None: there is none."""
+    if at is None:
+        return None
+    recording, trial, time = at
+    for name in names:
+        if name in recording and np.isfinite(there := recording[name].values[trial, time]).all():
+            return np.asarray(there)
+    return None
