@@ -1,8 +1,4 @@
-"""What a worker does: record blocks of seeds, or let rows learn from them; both go into the store.
-
-Each seed has random streams of its own, spawned from the study's by the cell's name, so that nothing depends on who
-works, on how many do, or in what order.
-"""
+"""What a worker does: record blocks of seeds, or let rows learn from them; both go into the store."""
 
 from __future__ import annotations
 
@@ -27,6 +23,7 @@ from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import experience, simulate_many
 from bodyimage_kin.recordings.schema import versions
+from bodyimage_kin.study import random_streams
 from bodyimage_kin.study.blocks import Block
 from bodyimage_kin.study.calls import Step
 from bodyimage_kin.study.context import Context, Score, WrongResult, image_unit
@@ -294,7 +291,7 @@ def _recordings(block: Block, body: Embodiment | None) -> dict[str, list[Any]]:
     table, found = block.simulation, {}
     motions = {role: table[role] if isinstance(table.get(role), list) else [table.get(role)] for role in ROLES}
     count = len(ROLES) + len(motions["training"]) - 1
-    streams = [block.seeds_of("recordings", seed, count) for seed in block.seeds]
+    streams = [random_streams.of_recordings(block, seed, count) for seed in block.seeds]
     for index, role in enumerate(ROLES):
         one = table.get(role)
         if one in (None, "none") or (
@@ -378,7 +375,7 @@ def _context(
         probes={name: built_probe(table, folder) for name, table in settings["probes"].items()},
         row=row,
         simulation=_simulation(block),
-        map_seeds=block.seeds_of("first maps", seed, 1 + count) if with_maps else (),
+        map_seeds=random_streams.of_maps(block, seed, 1 + count) if with_maps else (),
         map_settings=settings["maps"],
         cut=settings["excitation_cut"],
         of=settings["metric_of"],
@@ -411,7 +408,7 @@ def _taught(
     if row.estimator is None:
         return contexts
     begin = time.thread_time()
-    seeds = [block.seeds_of(row.stream or name, seed, 1)[0] for seed in block.seeds]
+    seeds = [random_streams.of_a_fit(block, seed, row.stream or name) for seed in block.seeds]
     experiences = [experience(context.seen.copy(deep=True)) for context in contexts]
     told = [{key: _told(context, fact, folder) for key, fact in row.told.items()} for context in contexts]
     if row.told:

@@ -29,8 +29,8 @@ from bodyimage_kin.estimators import Pairs
 from bodyimage_kin.metrics import displacement_error
 from bodyimage_kin.metrics.held_out import HeldOut, hold_out_far
 from bodyimage_kin.recordings.schema import experience
-from bodyimage_kin.study.blocks import stream
 from bodyimage_kin.study.cells import fit_all
+from bodyimage_kin.study.random_streams import stream
 from bodyimage_kin.study.spaces import SPACES, checked_space, points
 from bodyimage_kin.study.specs import ESTIMATOR, Table, written
 from bodyimage_kin.study.store import said

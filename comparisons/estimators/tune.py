@@ -23,7 +23,7 @@ import xarray as xr
 import bodyimage_kin as bk
 from bodyimage_kin.recordings import simulate_many
 from bodyimage_kin.recordings.schema import versions
-from bodyimage_kin.study.blocks import stream
+from bodyimage_kin.study.random_streams import stream
 from bodyimage_kin.study.tuning import Tuned, tune, write_tuning
 
 HERE = Path(__file__).parent
