@@ -20,8 +20,7 @@ from bodyimage_kin.body_image import BodyImage
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.recordings import Drag, Noise, motions, read_recording
 from bodyimage_kin.study import specs
-from bodyimage_kin.study.cells import row_of
-from bodyimage_kin.study.grid import Row, Simulation
+from bodyimage_kin.study.grid import Row, Simulation, row_of
 from bodyimage_kin.study.scoring import PROBES, built_probe, probe_name, resolve, written_score
 from bodyimage_kin.study.specs import ESTIMATOR, MOTION, PROBE, Table
 from bodyimage_kin.study.store import body_files, fingerprint
