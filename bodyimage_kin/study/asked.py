@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,12 +28,14 @@ from bodyimage_kin.study.store import body_files, fingerprint
 
 __all__ = [
     "Reader",
+    "finite",
     "first_maps_of",
     "labels_of",
     "map_settings_of",
     "named",
     "named_bodies",
     "probe_key",
+    "refuse_deep",
     "row_name",
     "seeds_of",
 ]
@@ -42,6 +45,8 @@ _TOUCH_DURATION = 80.0
 _SHARED = ("speed", "sampling", "rest_spread", "rest_pull")
 """Settings that touch and tour take over from the motion learned from, where a study says nothing of them."""
 _MOST_SEEDS = 10**6
+_DEEPEST = 20
+"""Tables within tables: no spec of ours comes near it."""
 _A_BODY = "a name, the path of a TOML file, or {embodiment, backend, mesh_folder}"
 _GIVEN_BY_US = ("exp", "hand", "trial", "skin", "seed", "image_range", "posture_som", "initial_map")
 """Parameters of :meth:`BodyImage.learn` that no row sets."""
@@ -283,6 +288,27 @@ def row_name(spec: Any) -> str:
 def probe_key(spec: Any) -> str:
     """What results call a probe that was given without a name."""
     return spec if isinstance(spec, str) and spec in PROBES else probe_name(built_probe(spec))
+
+
+def refuse_deep(what: str, value: Any, depth: int = 0) -> None:
+    """Raises InvalidConfig for tables within tables beyond any sense."""
+    if depth > _DEEPEST:
+        raise InvalidConfig(f"{what}: more than {_DEEPEST} tables within each other; no setting lies so deep")
+    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
+        refuse_deep(what, item, depth + 1)
+
+
+def finite(what: str, value: Any) -> Any:
+    """The value itself, once no number in it is infinite or NaN, which neither TOML nor a result can keep apart.
+
+    Raises:
+        InvalidConfig: One that is.
+    """
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InvalidConfig(f"{what}={value!r}: give a finite number")
+    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
+        finite(what, item)
+    return value
 
 
 def _is_path(given: Any) -> bool:

@@ -22,10 +22,11 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.recordings import experience
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study import random_streams
+from bodyimage_kin.study.answers import WrongResult
 from bodyimage_kin.study.blocks import Block
 from bodyimage_kin.study.bodies import load_body
 from bodyimage_kin.study.calls import Step
-from bodyimage_kin.study.context import Context, Score, WrongResult, image_unit
+from bodyimage_kin.study.context import Context, Score, image_unit
 from bodyimage_kin.study.facts import SHARED_MAPS
 from bodyimage_kin.study.grid import ROLES, Row, row_of
 from bodyimage_kin.study.parts import Part

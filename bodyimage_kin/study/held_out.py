@@ -22,7 +22,7 @@ from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
 from bodyimage_kin.estimators import Estimator, Learned, LearnedImage
 from bodyimage_kin.metrics import HeldOut
 from bodyimage_kin.recordings import experience
-from bodyimage_kin.study.context import checked
+from bodyimage_kin.study.answers import checked
 from bodyimage_kin.study.specs import plain_name
 
 __all__ = ["foretold", "held_out_scores", "learned_scores", "noise_of"]

@@ -14,7 +14,8 @@ from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.estimators import LearnedImage
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.study import maps
-from bodyimage_kin.study.context import IMAGE, Context, LeftOut, Score, answers, checked
+from bodyimage_kin.study.answers import answers, checked, jacobians
+from bodyimage_kin.study.context import IMAGE, Context, LeftOut, Score
 from bodyimage_kin.study.held_out import foretold, noise_of
 from bodyimage_kin.study.store import padded
 
@@ -44,9 +45,9 @@ def _relative_error_moved(context: Context) -> Any:
     assert body is not None
     q = probes.probe_postures(probes.Training(), body, context.seen)
     with torch.no_grad():
-        J, Jh = (answers(of, q.numpy()) for of in (body.hand_image_jacobian, context.learned.jacobian))
+        J, Jh = (jacobians("jacobian", of, q, body.m) for of in (body.hand_image_jacobian, context.learned.jacobian))
     spectrum = metrics.local_spectrum(q, noise=float(context.seen.attrs.get("encoder_noise", 0.0)))
-    return metrics.pooled_relative_error(spectrum.restrict(J), spectrum.restrict(checked("jacobian", Jh, J.shape)))
+    return metrics.pooled_relative_error(spectrum.restrict(J), spectrum.restrict(Jh))
 
 
 def _scale_free_error(context: Context) -> Any:

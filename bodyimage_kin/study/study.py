@@ -125,7 +125,7 @@ class Study(Shown):
             for place in row.get("on", ()):
                 if place not in known:
                     raise InvalidConfig(f"row '{name}': {UnknownName('recording', place, known)}")
-        specs.finite("study", self.table())
+        asked.finite("study", self.table())
 
     # As a file ------------------------------------------------------------------------------------------------------
 
@@ -192,7 +192,7 @@ class Study(Shown):
         """
         known = [one.name for one in dataclasses.fields(cls) if one.init and one.name != "folder"]
         specs.refuse_unknown("field of a study", table, known)
-        specs.refuse_deep("study", table)
+        asked.refuse_deep("study", table)
         for name in ("embodiments", "recordings", "estimators"):
             if name not in table:
                 raise InvalidConfig(f"the study's field '{name}' is missing; give a table, NAME -> spec")

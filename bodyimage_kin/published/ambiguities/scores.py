@@ -10,7 +10,7 @@ import torch
 from bodyimage_kin import metrics
 from bodyimage_kin.published.fuke2007.scores import POSTURE_SPAN
 from bodyimage_kin.study import Context, Fact, Score
-from bodyimage_kin.study.context import checked
+from bodyimage_kin.study.answers import checked
 
 __all__ = ["FACTS", "FELT_STEPS", "LEAST_JOINT_MOTION", "SCORES", "TOUCH_DISPLACEMENT_ERROR"]
 

@@ -73,8 +73,8 @@ class Pair:
 def spread(scores: Any) -> Spread:
     """Median, quantiles and share above one of a score over units, none of which a pole can move.
 
-    The median's interval (of 95 %) is that between two of the values, by the binomial distribution of how many lie below
-    it: no shape is assumed, and none is resampled.
+    The median's interval (of 95 %) is that between two of the values, by the binomial distribution of how many lie
+    below it: no shape is assumed, and none is resampled.
 
     Args:
         scores: One a unit; NaN is none.
