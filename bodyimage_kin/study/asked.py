@@ -28,7 +28,6 @@ from bodyimage_kin.study.store import body_files, fingerprint
 
 __all__ = [
     "Reader",
-    "finite",
     "first_maps_of",
     "labels_of",
     "map_settings_of",
@@ -36,6 +35,7 @@ __all__ = [
     "named_bodies",
     "probe_key",
     "refuse_deep",
+    "refuse_infinite",
     "row_name",
     "seeds_of",
 ]
@@ -298,17 +298,12 @@ def refuse_deep(what: str, value: Any, depth: int = 0) -> None:
         refuse_deep(what, item, depth + 1)
 
 
-def finite(what: str, value: Any) -> Any:
-    """The value itself, once no number in it is infinite or NaN, which neither TOML nor a result can keep apart.
-
-    Raises:
-        InvalidConfig: One that is.
-    """
+def refuse_infinite(what: str, value: Any) -> None:
+    """Raises InvalidConfig for a number that is infinite or NaN, which neither TOML nor a result can keep apart."""
     if isinstance(value, float) and not math.isfinite(value):
         raise InvalidConfig(f"{what}={value!r}: give a finite number")
     for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
-        finite(what, item)
-    return value
+        refuse_infinite(what, item)
 
 
 def _is_path(given: Any) -> bool:

@@ -125,7 +125,7 @@ class Study(Shown):
             for place in row.get("on", ()):
                 if place not in known:
                     raise InvalidConfig(f"row '{name}': {UnknownName('recording', place, known)}")
-        asked.finite("study", self.table())
+        asked.refuse_infinite("study", self.table())
 
     # As a file ------------------------------------------------------------------------------------------------------
 

@@ -19,6 +19,7 @@ from bodyimage_kin.study.statistics.intervals import (
     Scores,
     interval,
     resampled,
+    resampled_together,
 )
 from bodyimage_kin.study.statistics.medians import Pair, Spread, correlation, ranked, spread
 
@@ -37,6 +38,7 @@ __all__ = [
     "interval",
     "ranked",
     "resampled",
+    "resampled_together",
     "sign_flip",
     "spread",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -13,7 +13,18 @@ from jaxtyping import Float
 
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
 
-__all__ = ["FEWEST", "NEEDED", "PUBLISHED", "Interval", "Scores", "interval", "resampled", "row", "strata"]
+__all__ = [
+    "FEWEST",
+    "NEEDED",
+    "PUBLISHED",
+    "Interval",
+    "Scores",
+    "interval",
+    "resampled",
+    "resampled_together",
+    "row",
+    "strata",
+]
 
 Scores: TypeAlias = Any
 """(recordings,) or (recordings, weights) floats; or stratum -> such, where there are several."""
@@ -101,7 +112,7 @@ def resampled(
     """A statistic of units and its percentile interval, units drawn anew and everything inside computed anew.
 
     Args:
-        statistic: Of places of units, (count,) whole numbers; whatever it fits, it fits to those alone.
+        statistic: Of places of units, (count,) whole numbers; whatever it fits, it fits to those alone. NaN: none.
         units: How many there are.
         unit: What they are, one of :data:`NEEDED`.
         level: Of confidence.
@@ -115,17 +126,34 @@ def resampled(
         UnknownName: Another unit.
         InvalidConfig: A level outside 0 to 1, or no resamples.
     """
+    _check(level, resamples)
+    of = lambda drawn: (statistic(drawn),)  # noqa: E731
+    return resampled_together(of, units, unit, level=level, resamples=resamples, seed=seed)[0]
+
+
+def resampled_together(
+    statistics: Callable[[np.ndarray], Sequence[float]],
+    units: int,
+    unit: str,
+    *,
+    level: float | int = 0.95,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> list[Interval]:
+    """Several statistics of the same draws; arguments as of :func:`resampled`, and none drawn: no intervals."""
     if unit not in NEEDED:
         raise UnknownName("unit of resampling", unit, NEEDED)
-    _check(level, resamples)
-    estimate = float(statistic(np.arange(units)))
-    if units < NEEDED[unit]:
-        return Interval(estimate, float("nan"), float("nan"), units, unit)
     rng = np.random.default_rng(seed)
-    again = np.array([statistic(rng.integers(units, size=units)) for _ in range(resamples)])
-    again = again[np.isfinite(again)]
-    ends = np.quantile(again, [(1 - level) / 2, (1 + level) / 2]) if len(again) else (np.nan, np.nan)
-    return Interval(estimate, float(ends[0]), float(ends[1]), units, unit)
+    count = resamples if units >= NEEDED[unit] else 0
+    estimates = statistics(np.arange(units))
+    drawn = np.array([statistics(rng.integers(units, size=units)) for _ in range(count)])
+    found = []
+    for index, estimate in enumerate(estimates):
+        again = drawn[:, index] if count else drawn
+        again = again[np.isfinite(again)]
+        ends = np.quantile(again, [(1 - level) / 2, (1 + level) / 2]) if len(again) else (np.nan, np.nan)
+        found.append(Interval(float(estimate), float(ends[0]), float(ends[1]), units, unit))
+    return found
 
 
 def row(values: Any) -> Float[np.ndarray, "units"]:
