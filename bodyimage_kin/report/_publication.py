@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import xarray as xr
 
 from bodyimage_kin import figures
 from bodyimage_kin._files import write_text
+from bodyimage_kin._json import rounded, write_json
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.report._latex import latex_table
 from bodyimage_kin.report._page import labels_of
@@ -55,7 +55,7 @@ def write(results: xr.Dataset, folder: Path, baseline: str | None, labels: Mappi
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as problem:
             raise OutputRefused(f"cannot write to '{folder}': {problem.strerror}; name another folder") from None
-        write_text(folder / "results.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
+        write_json(folder / "results.json", numbers)
         write_text(folder / "table.md", _table(numbers))
         write_text(folder / "table.tex", _latex(numbers))
         with figures.style():
@@ -119,8 +119,7 @@ def _spread(one: xr.Dataset) -> Any:
 
 
 def _digits(value: Any) -> float | None:
-    number = float(value)
-    return float(f"{number:.4g}") if math.isfinite(number) else None
+    return rounded(float(value), digits=4)
 
 
 def _table(numbers: Mapping[str, Any]) -> str:

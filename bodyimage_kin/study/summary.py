@@ -13,7 +13,17 @@ import xarray as xr
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.study import statistics
 
-__all__ = ["EXACT", "chain", "compare", "exact", "failures", "markdown_table", "plain_markdown", "summarise"]
+__all__ = [
+    "EXACT",
+    "chain",
+    "compare",
+    "exact",
+    "failures",
+    "markdown_table",
+    "plain_markdown",
+    "refuse_failed",
+    "summarise",
+]
 
 _UNITS = ("embodiment", "seed")
 EXACT = 1e-6
@@ -208,6 +218,24 @@ def failures(results: xr.Dataset) -> list[dict[str, Any]]:
         {"embodiment": key[0], "recording": key[1], "estimator": key[2], "seeds": seeds, "failure": key[3]}
         for key, seeds in found.items()
     ]
+
+
+def refuse_failed(results: xr.Dataset, but: str = "") -> None:
+    """Refuses results of which a cell failed, for whoever judges them all.
+
+    Args:
+        results: Of :meth:`Study.run`.
+        but: Name of an error that may be.
+
+    Raises:
+        InvalidConfig: One failed; says which, and why.
+    """
+    wrong = [one for one in failures(results) if not (but and one["failure"].startswith(but))]
+    if wrong:
+        raise InvalidConfig(
+            f"{len(wrong)} cells failed, {wrong[0]['recording']}/{wrong[0]['estimator']} first: "
+            f"{wrong[0]['failure']}; run it again with retry=True"
+        )
 
 
 def markdown_table(head: Sequence[str], rows: Sequence[Sequence[object]], words: int = 1) -> str:

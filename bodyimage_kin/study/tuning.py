@@ -22,7 +22,7 @@ import numpy as np
 import torch
 
 from bodyimage_kin import _checks
-from bodyimage_kin._files import write_text
+from bodyimage_kin._json import rounded, write_json
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators import Pairs
@@ -109,7 +109,7 @@ class Tuned:
         tried = [
             {
                 "settings": dict(one.settings),
-                "score": float(f"{one.score():.5g}") if one.errors else None,
+                "score": rounded(one.score(), digits=5),
                 "errors": [list(row) for row in one.errors],
                 "failure": one.failure,
                 "seconds": round(one.seconds, 3),
@@ -208,7 +208,7 @@ def write_tuning(path: str | os.PathLike[str], tuned: Mapping[str, Tuned], **abo
         about: What JSON can say: versions, seeds of the recordings, ...
     """
     table = {**_FORM, **about, "tuned": {name: search.table() for name, search in tuned.items()}}
-    write_text(Path(path), json.dumps(table, indent=1, allow_nan=False) + "\n")
+    write_json(Path(path), table)
 
 
 def read_tuning(path: str | os.PathLike[str]) -> dict[str, Tuned]:
