@@ -18,6 +18,7 @@ from bodyimage_kin.study.statistics.intervals import (
     Interval,
     Scores,
     interval,
+    ratio_of_sums,
     resampled,
     resampled_together,
 )
@@ -37,6 +38,7 @@ __all__ = [
     "holm",
     "interval",
     "ranked",
+    "ratio_of_sums",
     "resampled",
     "resampled_together",
     "sign_flip",

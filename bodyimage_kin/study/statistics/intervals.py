@@ -11,6 +11,7 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Float
 
+from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "Interval",
     "Scores",
     "interval",
+    "ratio_of_sums",
     "resampled",
     "resampled_together",
     "row",
@@ -98,6 +100,33 @@ def interval(scores: Scores, *, level: float | int = 0.95, resamples: int = 9999
         rng=np.random.default_rng(seed),
     ).confidence_interval
     return Interval(estimate, float(found.low), float(found.high), count)
+
+
+def ratio_of_sums(
+    wrong: ArrayLike, size: ArrayLike, unit: str = "blocks", *, resamples: int = 9999, seed: int = 0
+) -> Interval:
+    """The root of the ratio of two sums over units, such as squared errors over squared sizes, with its BCa interval.
+
+    Args:
+        wrong: What each unit adds above.
+        size: What it adds below; units are drawn anew with both.
+        unit: What they are, one of :data:`NEEDED`.
+        resamples: Number of bootstrap samples.
+        seed: Of the resampling.
+
+    Raises:
+        InvalidArray: No rows of numbers.
+    """
+
+    def relative(top: np.ndarray, bottom: np.ndarray, axis: int = -1) -> np.ndarray:
+        return np.asarray(np.sqrt(top.sum(axis) / bottom.sum(axis)))
+
+    sums = row(wrong), row(size)
+    rng = np.random.default_rng(seed)
+    ends = scipy.stats.bootstrap(
+        sums, relative, paired=True, vectorized=True, n_resamples=resamples, method="BCa", rng=rng
+    ).confidence_interval
+    return Interval(float(relative(*sums)), float(ends.low), float(ends.high), len(sums[0]), unit)
 
 
 def resampled(
