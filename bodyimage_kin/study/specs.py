@@ -276,8 +276,9 @@ def written(what: str, value: Any) -> Any:
 
 
 def settings_of(spec: Any) -> Table:
-    """Fields of a dataclass as a table; None where it is the default, and the embodiment, are left out
-    (a study refuses an object that was built with another than it studies).
+    """Fields of a dataclass as a table; None where it is the default, and the embodiment, are left out.
+
+    A study refuses an object that was built with another embodiment than it studies.
 
     Raises:
         InvalidConfig: As :func:`written`.
@@ -371,7 +372,6 @@ def _named_body(
     if not isinstance(name, str):
         refuse(f"{what}: body", name, "the name of an embodiment, or the path of its TOML file")
     return (folder / name if name.endswith(".toml") else name), rest
-
 
 
 def _short(value: Any) -> str:

@@ -275,7 +275,9 @@ class Study(Shown):
                 row = cells.row_of(table, self.folder)
                 if row.estimator is not None and not row.told:
                     built = ESTIMATOR.build(row.estimator, self.folder, body)
-                    others |= {one.sha256 for one in specs.other_bodies(built) if body is None or one.sha256 != body.sha256}
+                    others |= {
+                        one.sha256 for one in specs.other_bodies(built) if body is None or one.sha256 != body.sha256
+                    }
         return {
             "config": self.table(),
             **({"other_bodies_sha256": sorted(others)} if others else {}),

@@ -62,9 +62,9 @@ def test_what_knows_no_body_cannot_be_misinformed():
 
 def test_spreads_of_which_no_body_sees_the_hand_are_refused(body, exp, monkeypatch):
     monkeypatch.setattr("bodyimage_kin.estimators.misinformed._TRIES", 1)
+    spec = Misinformed(Analytic(body), offset_spread=5.0)
     with pytest.raises(InvalidConfig, match="smaller spreads"):
-        for seed in range(30):
-            Misinformed(Analytic(body), offset_spread=5.0).fit(exp, seed)
+        [spec.fit(exp, seed) for seed in range(30)]
 
 
 @pytest.mark.parametrize("setting", ["axis_spread", "offset_spread", "hand_spread"])
