@@ -27,7 +27,8 @@ class Misinformed(Estimator):
     A study gives whoever wants a body the one that is studied, which is the truth. That is right for
     :class:`~bodyimage_kin.estimators.Analytic`; a self-calibration would begin at what it is to find. Within
     this, an ``Analytic`` is the nominal body of which nothing is learned, and a ``SelfCalibration`` corrects it. The
-    same seed misinforms both alike. A body that would not see the hand where it was seen is drawn again, for its owner would know.
+    same seed misinforms both alike. A body that would not see the hand where it was seen is drawn again, for
+    its owner would know.
 
     Attributes:
         spec: The estimator. It has a field ``body``.
