@@ -58,7 +58,7 @@ class Misinformed(Estimator):
             InvalidConfig: Spreads of which hardly any body sees the hand where it was seen.
         """
         told = self.told(self.spec.body, exp, seed)  # type: ignore[attr-defined]
-        return replace(self.spec, body=told).fit(exp, seed)  # type: ignore[type-var, no-any-return]
+        return replace(self.spec, body=told).fit(exp, seed)  # type: ignore[type-var]
 
     def told(self, body: Embodiment, exp: xr.Dataset, seed: int = 0) -> Embodiment:
         """The wrong body.
