@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,8 @@ def _numbers(results: xr.Dataset, medians: Mapping[str, xr.Dataset], baseline: s
             rows = {}
             for estimator in results["estimator"].values:
                 at = {"embodiment": embodiment, "recording": recording, "estimator": estimator}
+                if not _asked(results.sel(at), medians):
+                    continue
                 row: dict[str, Any] = {score: _spread(one.sel(at)) for score, one in medians.items()}
                 if parts is not None:
                     there = parts.sel(at)
@@ -97,6 +99,11 @@ def _numbers(results: xr.Dataset, medians: Mapping[str, xr.Dataset], baseline: s
                 rows[str(estimator)] = row
             found["scores"][_place(results, str(embodiment), str(recording))] = rows
     return found
+
+
+def _asked(row: xr.Dataset, scores: Iterable[str]) -> bool:
+    """Whether a row was asked on this recording: it failed somewhere, or has some score."""
+    return bool((row["failure"] != "").any()) or any(bool(row[score].notnull().any()) for score in scores)
 
 
 def _place(results: xr.Dataset, embodiment: str, recording: str) -> str:
