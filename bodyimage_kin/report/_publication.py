@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.report._latex import latex_table
 from bodyimage_kin.report._page import labels_of
-from bodyimage_kin.report._results import HEADLINE, learned, names_of, probe_of_use, ranking
+from bodyimage_kin.report._results import HEADLINE, asked, learned, names_of, probe_of_use, ranking
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.scores import PARTS
@@ -83,7 +83,7 @@ def _numbers(results: xr.Dataset, medians: Mapping[str, xr.Dataset], baseline: s
             rows = {}
             for estimator in results["estimator"].values:
                 at = {"embodiment": embodiment, "recording": recording, "estimator": estimator}
-                if not _asked(results.sel(at), medians):
+                if not asked(results.sel(at), medians):
                     continue
                 row: dict[str, Any] = {score: _spread(one.sel(at)) for score, one in medians.items()}
                 if parts is not None:
@@ -99,11 +99,6 @@ def _numbers(results: xr.Dataset, medians: Mapping[str, xr.Dataset], baseline: s
                 rows[str(estimator)] = row
             found["scores"][_place(results, str(embodiment), str(recording))] = rows
     return found
-
-
-def _asked(row: xr.Dataset, scores: Iterable[str]) -> bool:
-    """Whether a row was asked on this recording: it failed somewhere, or has some score."""
-    return bool((row["failure"] != "").any()) or any(bool(row[score].notnull().any()) for score in scores)
 
 
 def _place(results: xr.Dataset, embodiment: str, recording: str) -> str:
