@@ -21,7 +21,7 @@ from bodyimage_kin.study.parts import Part, parts_in
 __all__ = [
     "KIND",
     "MARKER",
-    "Row",
+    "RowProgress",
     "SetAside",
     "by_recording",
     "cells_in",
@@ -41,7 +41,7 @@ class SetAside(UserWarning):
 
 
 @dataclass(frozen=True)
-class Row:
+class RowProgress:
     """How far a row is on one recording.
 
     Attributes:
@@ -87,7 +87,7 @@ def opened(folder: Path) -> Iterator[dict[str, Any]]:
         raise InvalidConfig(f"'{folder}' holds no study that this version can read ({said})") from None
 
 
-def rows_of(folder: Path) -> list[Row]:
+def rows_of(folder: Path) -> list[RowProgress]:
     """How far each row of the study in a folder is, on each recording that it is computed on. Nothing is written.
 
     Raises:
@@ -174,7 +174,7 @@ def set_aside(path: Path, why: str, sound: Sequence[Part] = (), *, mend: bool) -
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
-def _rows(folder: Path, origin: Mapping[str, Any]) -> Iterator[Row]:
+def _rows(folder: Path, origin: Mapping[str, Any]) -> Iterator[RowProgress]:
     table = origin["config"]["estimators"]
     for ones in by_recording(blocks(origin, folder)):
         kept = cells_in(folder, ones, table, lambda part: part.notes["failures"])
@@ -190,7 +190,7 @@ def _rows(folder: Path, origin: Mapping[str, Any]) -> Iterator[Row]:
                     if failure:
                         failures.setdefault(failure, []).append(seed)
             total = sum(len(block.seeds) for block in ones)
-            yield Row(ones[0].embodiment, ones[0].recording, name, total, missing, failures)
+            yield RowProgress(ones[0].embodiment, ones[0].recording, name, total, missing, failures)
 
 
 def _parts(path: Path) -> Iterator[Part | str]:
