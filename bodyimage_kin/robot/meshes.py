@@ -14,7 +14,7 @@ import sysconfig
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,13 +24,27 @@ from bodyimage_kin.robot.geometry import Box, Capsule, Cylinder, Mesh, Shape, Sp
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MESH_SUFFIXES", "load_mesh", "mesh_path", "package_file", "triangulate"]
+__all__ = ["MESH_SUFFIXES", "Loaded", "load_mesh", "mesh_path", "package_file", "triangulate"]
 
 MESH_SUFFIXES = frozenset({".stl", ".obj", ".dae", ".ply", ".off", ".glb"})
 """The mesh files that are read."""
 _PACKAGE = re.compile(r"package:/{2,3}([^/]+)/(.+)")
 _SECTIONS = 64
 """Facets around a cylinder."""
+_LARGEST = 5.0
+"""A mesh larger than this [m] is taken to be in millimetres."""
+
+
+class Loaded(NamedTuple):
+    """A mesh file, read.
+
+    Attributes:
+        mesh: Its triangles, scaled [m].
+        notes: What was mended.
+    """
+
+    mesh: trimesh.Trimesh
+    notes: tuple[str, ...]
 
 
 def triangulate(shape: Shape, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> trimesh.Trimesh:
@@ -60,11 +74,21 @@ def triangulate(shape: Shape, link: str, file: Path | None = None, mesh_folder: 
             capsule = trimesh.creation.capsule(height=length, radius=radius, count=[_SECTIONS // 2, _SECTIONS])
             # One end of its cylinder stands at the origin.
             return capsule.apply_translation([0.0, 0.0, -capsule.bounds.mean(0)[2]])
-    return load_mesh(shape, link, file, mesh_folder)
+    return load_mesh(shape, link, file, mesh_folder).mesh
 
 
-def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> trimesh.Trimesh:
-    """The triangles of a mesh file, scaled [m]; see :func:`triangulate`."""
+def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> Loaded:
+    """The triangles of a mesh file, and what was mended: one larger than 5 m is taken to be in millimetres.
+
+    Args:
+        mesh: Its name and scale.
+        link: Whose it is, for errors.
+        file: As of :func:`triangulate`.
+        mesh_folder: As of :func:`triangulate`.
+
+    Raises:
+        InvalidGeometry: As of :func:`triangulate`.
+    """
     import trimesh
 
     path = mesh_path(mesh, link, file, mesh_folder)
@@ -80,7 +104,18 @@ def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path
     except Exception as problem:
         raise InvalidGeometry(f"link {link!r}: mesh {path} cannot be read: {problem}; mend the file") from problem
     loaded.apply_transform(np.diag([*mesh.scale, 1.0]))
-    return loaded
+    largest = float(loaded.extents.max())
+    if largest <= _LARGEST:
+        return Loaded(loaded, ())
+    loaded.apply_transform(np.diag([1e-3, 1e-3, 1e-3, 1.0]))
+    scale = " ".join(f"{1e-3 * factor:g}" for factor in mesh.scale)
+    return Loaded(
+        loaded,
+        (
+            f"mesh {mesh.filename} of link '{link}' is {largest:.3g} m large: taken to be in millimetres; give it "
+            f'scale="{scale}"',
+        ),
+    )
 
 
 def package_file(name: str) -> Path:
