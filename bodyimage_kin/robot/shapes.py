@@ -19,9 +19,10 @@ from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.geometry import Box, Capsule, Collision, Cylinder, Mesh, Sphere, Visual
-from bodyimage_kin.robot.meshes import load_mesh, triangulate
+from bodyimage_kin.robot.meshes import Loaded, load_mesh, triangulate
 from bodyimage_kin.robot.transforms import Matrix4
 from bodyimage_kin.robot.triangles import Triangles
+from bodyimage_kin.robot.upright import is_turned
 
 __all__ = [
     "Found",
@@ -174,7 +175,8 @@ def corners(
     Raises:
         InvalidGeometry: A mesh that is missing or cannot be read.
     """
-    mesh = triangulate(element.shape, link, robot.file, mesh_folder or robot.mesh_folder)
+    folder = mesh_folder or robot.mesh_folder
+    mesh = triangulate(element.shape, link, robot.file, folder, is_turned(robot, mesh_folder))
     return np.asarray(mesh.vertices @ element.origin[:3, :3].T + element.origin[:3, 3])
 
 
@@ -218,14 +220,19 @@ def link_surface(robot: Robot, link: str, mesh_folder: Path | None = None) -> Fo
             f"link '{link}' has no shape that a skin can lie on; state one (a sphere, box or cylinder), or name another"
             " link"
         )
-    parts = [place_shape(element, link, robot.file, mesh_folder or robot.mesh_folder) for element in elements]
+    folder, turn = mesh_folder or robot.mesh_folder, is_turned(robot, mesh_folder)
+    parts = [place_shape(element, link, robot.file, folder, turn) for element in elements]
     return Found(
         tuple(shape for one in parts for shape in one.surface), (*notes, *(note for one in parts for note in one.notes))
     )
 
 
 def place_shape(
-    element: Collision | Visual, link: str, file: Path | None = None, mesh_folder: Path | None = None
+    element: Collision | Visual,
+    link: str,
+    file: Path | None = None,
+    mesh_folder: Path | None = None,
+    turned: bool = False,
 ) -> Found:
     """A shape of a link as rays meet it.
 
@@ -234,6 +241,7 @@ def place_shape(
         link: Whose it is, for errors.
         file: The URDF's own, beside which meshes lie.
         mesh_folder: As of :func:`bodyimage_kin.robot.meshes.triangulate`.
+        turned: As of :func:`bodyimage_kin.robot.meshes.triangulate`.
 
     Raises:
         InvalidGeometry: A mesh that is missing or cannot be read.
@@ -248,13 +256,12 @@ def place_shape(
         case Capsule(radius, length):
             shape = Shape("capsule", (radius, length / 2), element.origin)
         case Mesh():
-            return _mesh(element.shape, element.origin, link, file, mesh_folder)
+            return _mesh(load_mesh(element.shape, link, file, mesh_folder, turned), element.shape, element.origin, link)
     return Found((shape,), ())
 
 
-def _mesh(mesh: Mesh, origin: Matrix4, link: str, file: Path | None, mesh_folder: Path | None) -> Found:
-    loaded, notes = load_mesh(mesh, link, file, mesh_folder)
-    surface = Triangles.of(loaded, origin)
+def _mesh(loaded: Loaded, mesh: Mesh, origin: Matrix4, link: str) -> Found:
+    surface, notes = Triangles.of(loaded.mesh, origin), loaded.notes
     if surface.border:
         notes += (
             f"mesh {mesh.filename} of link '{link}' is open ({surface.border} edges at its border): rays from outside "

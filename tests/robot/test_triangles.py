@@ -129,3 +129,38 @@ def test_collisions_far_beside_what_is_seen_of_a_link_do_not_stand_for_it():
     assert link_parts(meant, "hand") == (meant.geometry["hand"].collisions, ())
     assert link_parts(bk.Robot.from_urdf(TWO.format(place='xyz="0 0.4 0"')), "hand").notes != ()
     assert link_parts(bk.Robot.from_urdf(TWO.format(place='xyz="0 0.25 0"')), "hand").notes == ()
+
+
+LIMB = """<link name="{name}"><inertial><mass value="1"/><origin xyz="{mass}"/></inertial>
+  <visual><geometry><mesh filename="limb.dae"/></geometry></visual></link>"""
+
+
+def limbs(folder, mass, said):
+    mesh = trimesh.creation.box(extents=(0.06, 0.4, 0.06)).apply_translation([0.0, 0.2, 0.0])
+    text = mesh.export(file_type="dae").decode()
+    assert "Y_UP" in text
+    (folder / "limb.dae").write_text(text.replace("Y_UP", said), encoding="utf-8")
+    links = "".join(LIMB.format(name=name, mass=mass) for name in "abc")
+    joints = "".join(
+        f'<joint name="{one}" type="fixed"><parent link="{one[0]}"/><child link="{one[1]}"/></joint>'
+        for one in ("ab", "ac")
+    )
+    path = folder / "r.urdf"
+    path.write_text(f'<robot name="r">{links}{joints}</robot>', encoding="utf-8")
+    return bk.Robot.from_urdf(path)
+
+
+@pytest.mark.parametrize(
+    ("mass", "said", "long_axis"),
+    [("0 0 0.2", "Y_UP", 2), ("0 0.2 0", "Y_UP", 1), ("0 0 0.2", "Z_UP", 1), ("0 0 0", "Y_UP", 1)],
+)
+def test_files_with_y_up_are_turned_where_the_masses_say_so_and_never_else(tmp_path, mass, said, long_axis):
+    ours = limbs(tmp_path, mass, said)
+    (corners,) = vertices_of(ours, "b")
+    assert np.ptp(corners, axis=0).argmax() == long_axis
+    assert corners.max() == pytest.approx(0.4)
+    seen = link_surfaces(ours)["b"].corners.reshape(-1, 3)
+    np.testing.assert_allclose(np.ptp(seen, axis=0), np.ptp(corners, axis=0), atol=1e-9)
+    found = link_surface(ours, "b")
+    np.testing.assert_allclose(found.surface[0].vertices.max(0), corners.max(0), atol=1e-9)
+    assert ("is turned" in " ".join(found.notes)) == (long_axis == 2)
