@@ -63,9 +63,10 @@ def _judged(robot: Robot, file: Path | None, folder: Path | None) -> bool:
         except InvalidGeometry:
             continue
         rotation, position = element.origin[:3, :3], element.origin[:3, 3]
-        middle, mass = mesh.bounds.mean(0), np.asarray(geometry.inertial.xyz)
+        middle, scale = mesh.bounds.mean(0), np.asarray(element.shape.scale)
         as_it_is, about = (
-            float(np.linalg.norm(rotation @ one + position - mass)) for one in (middle, TURN[:3, :3] @ middle)
+            float(np.linalg.norm(rotation @ one + position - geometry.inertial.xyz))
+            for one in (middle, scale * (TURN[:3, :3] @ (middle / scale)))
         )
         nearer = (as_it_is - about) / float(np.linalg.norm(mesh.extents))
         pro, contra = pro + (nearer > _CLEAR), contra + (nearer < -_CLEAR)
