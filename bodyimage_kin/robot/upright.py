@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bodyimage_kin.errors import InvalidGeometry
-from bodyimage_kin.robot.geometry import Mesh
+from bodyimage_kin.robot.geometry import Collision, Mesh, Visual
 from bodyimage_kin.robot.meshes import TURN, load_mesh, mesh_path, names_y_up
 
 if TYPE_CHECKING:
@@ -47,23 +47,18 @@ def _judged(robot: Robot, file: Path | None, folder: Path | None) -> bool:
     # Robots of the same text are equal wherever it lies, and their meshes need not be.
     pro = contra = 0
     for link, geometry in robot.geometry.items():
-        element = next(iter((*geometry.collisions, *geometry.visuals)), None)
-        if (
-            element is None
-            or not isinstance(element.shape, Mesh)
-            or not element.shape.filename.lower().endswith(".dae")
-        ):
-            continue
-        if geometry.inertial is None or geometry.inertial.mass <= 0.0:
+        elements: tuple[Collision | Visual, ...] = (*geometry.collisions, *geometry.visuals)
+        shape = elements[0].shape if elements else None
+        if not isinstance(shape, Mesh) or geometry.inertial is None or geometry.inertial.mass <= 0.0:
             continue
         try:
-            if not names_y_up(mesh_path(element.shape, link, file, folder)):
+            if not names_y_up(mesh_path(shape, link, file, folder)):
                 continue
-            mesh = load_mesh(element.shape, link, file, folder).mesh
+            mesh = load_mesh(shape, link, file, folder).mesh
         except InvalidGeometry:
             continue
-        rotation, position = element.origin[:3, :3], element.origin[:3, 3]
-        middle, scale = mesh.bounds.mean(0), np.asarray(element.shape.scale)
+        rotation, position = elements[0].origin[:3, :3], elements[0].origin[:3, 3]
+        middle, scale = mesh.bounds.mean(0), np.array(shape.scale)
         as_it_is, about = (
             float(np.linalg.norm(rotation @ one + position - geometry.inertial.xyz))
             for one in (middle, scale * (TURN[:3, :3] @ (middle / scale)))
