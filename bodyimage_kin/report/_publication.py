@@ -11,8 +11,7 @@ import numpy as np
 import xarray as xr
 
 from bodyimage_kin import figures
-from bodyimage_kin._files import write_text
-from bodyimage_kin._json import rounded, write_json
+from bodyimage_kin._files import write_json, write_text
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.report._latex import latex_table
 from bodyimage_kin.report._page import labels_of
@@ -21,7 +20,7 @@ from bodyimage_kin.study import summary
 from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.scores import PARTS
 from bodyimage_kin.study.statistics import PUBLISHED
-from bodyimage_kin.study.summary import markdown_table, plain_markdown
+from bodyimage_kin.study.summary import markdown_table, plain_markdown, plain_numbers
 
 _OTHERS = (
     "relative_error", "scale_free_error", "displacement_error", "trajectory_rmse", "touch_trajectory_rmse", "map_error",
@@ -89,12 +88,12 @@ def _numbers(results: xr.Dataset, medians: Mapping[str, xr.Dataset], baseline: s
                 if parts is not None:
                     there = parts.sel(at)
                     row["attribution"] = {
-                        str(probe): {part: _digits(there.sel(probe=probe, part=part)) for part in PARTS}
+                        str(probe): {part: plain_numbers(float(there.sel(probe=probe, part=part)), 4) for part in PARTS}
                         for probe in there["probe"].values
                     }
                 if ratios is not None and str(estimator) in ratios["estimator"].values:
                     ratio = ratios.sel(recording=recording, estimator=estimator)
-                    row["ratio"] = {str(key): _digits(ratio[key]) for key in ratio.data_vars}
+                    row["ratio"] = {str(key): plain_numbers(float(ratio[key]), 4) for key in ratio.data_vars}
                     found["family"] = ratios.attrs["family"]
                 rows[str(estimator)] = row
             found["scores"][_place(results, str(embodiment), str(recording))] = rows
@@ -117,11 +116,7 @@ def _spread(one: xr.Dataset) -> Any:
     """Median, interval and quantiles; by probe, where there are probes."""
     if "probe" in one.dims:
         return {str(probe): _spread(one.sel(probe=probe)) for probe in one["probe"].values}
-    return {str(name): _digits(value) for name, value in one.data_vars.items()}
-
-
-def _digits(value: Any) -> float | None:
-    return rounded(float(value), digits=4)
+    return {str(name): plain_numbers(float(value), 4) for name, value in one.data_vars.items()}
 
 
 def _table(numbers: Mapping[str, Any]) -> str:

@@ -81,13 +81,14 @@ def ranking(results: xr.Dataset, medians: xr.Dataset, columns: int) -> Figure:
     rows = math.ceil(len(places) / columns)
     height = 0.5 + rows * (0.6 + 0.16 * medians.sizes["estimator"])
     figure, grid = figures.panels(rows, columns, height=height, sharex=True)
+    xlabel = "relative error of the Jacobian" if columns < 3 else "relative error"
     for axes, (embodiment, recording) in zip(grid.flat, places, strict=False):
         at = {"embodiment": embodiment, "recording": recording}
         there = [
             name for name in names_of(medians, "estimator") if asked(results.sel(at | {"estimator": name}), [HEADLINE])
         ]
         one = medians.sel(at | {"estimator": there})
-        figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel="relative error of the Jacobian")
+        figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel=xlabel)
         axes.set_title(figures.drawn(place_of(results, embodiment, recording)))
         axes.tick_params(labelbottom=True)
     for axes in grid.flat[len(places) :]:

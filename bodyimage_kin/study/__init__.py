@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bodyimage_kin.study.scores import SCORES
     from bodyimage_kin.study.scoring import PROBES, score
     from bodyimage_kin.study.study import Study
-    from bodyimage_kin.study.summary import chain, compare, failures, markdown_table, summarise
+    from bodyimage_kin.study.summary import chain, compare, failures, markdown_table, plain_numbers, summarise
 
 _MODULES = {
     "answers": ("WrongResult",),
@@ -30,7 +30,7 @@ _MODULES = {
     "scores": ("SCORES",),
     "scoring": ("PROBES", "score"),
     "study": ("Study",),
-    "summary": ("chain", "compare", "failures", "markdown_table", "summarise"),
+    "summary": ("chain", "compare", "failures", "markdown_table", "plain_numbers", "summarise"),
 }
 
 __all__ = [
@@ -51,6 +51,7 @@ __all__ = [
     "held_out_scores",
     "markdown_table",
     "noise_of",
+    "plain_numbers",
     "read_study",
     "recording_of",
     "score",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import Any
 
@@ -21,6 +22,7 @@ __all__ = [
     "failures",
     "markdown_table",
     "plain_markdown",
+    "plain_numbers",
     "refuse_failed",
     "summarise",
 ]
@@ -257,6 +259,26 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[object]], words:
 def plain_markdown(cell: object) -> str:
     """Text, a user's name say, as Markdown shows it: neither a column of its own nor HTML."""
     return " ".join(str(cell).replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").split())
+
+
+def plain_numbers(value: Any, digits: int | None = 5) -> Any:
+    """Results as a JSON file keeps them: numbers to a few digits, and None for those that are not finite.
+
+    Args:
+        value: A number, or mappings and sequences of them, nested as they may be; anything else stays as it is.
+        digits: How many are significant; None: all.
+    """
+    if isinstance(value, Mapping):
+        return {key: plain_numbers(item, digits) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_numbers(item, digits) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return None
+        return value if digits is None else float(f"{value:.{digits}g}")
+    return value
 
 
 def _many(dim: str, count: int) -> str:

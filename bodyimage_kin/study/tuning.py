@@ -22,7 +22,7 @@ import numpy as np
 import torch
 
 from bodyimage_kin import _checks
-from bodyimage_kin._json import rounded, write_json
+from bodyimage_kin._files import write_json
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators import Pairs
@@ -34,6 +34,7 @@ from bodyimage_kin.study.random_streams import stream
 from bodyimage_kin.study.spaces import SPACES, checked_space, points
 from bodyimage_kin.study.specs import ESTIMATOR, Table, written
 from bodyimage_kin.study.store import said
+from bodyimage_kin.study.summary import plain_numbers
 
 __all__ = ["Candidate", "Tuned", "read_tuning", "tune", "write_tuning"]
 
@@ -109,7 +110,7 @@ class Tuned:
         tried = [
             {
                 "settings": dict(one.settings),
-                "score": rounded(one.score(), digits=5),
+                "score": plain_numbers(one.score()),
                 "errors": [list(row) for row in one.errors],
                 "failure": one.failure,
                 "seconds": round(one.seconds, 3),

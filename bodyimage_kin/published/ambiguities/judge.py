@@ -14,9 +14,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin._files import write_text
-from bodyimage_kin._json import rounded
 from bodyimage_kin.published.ambiguities.readings import AMBIGUITIES, Place
-from bodyimage_kin.study import WrongResult, markdown_table
+from bodyimage_kin.study import WrongResult, markdown_table, plain_numbers
 from bodyimage_kin.study.statistics import PUBLISHED, holm, interval, sign_flip
 from bodyimage_kin.study.summary import refuse_failed
 
@@ -194,7 +193,8 @@ def _values(results: xr.Dataset, place: Place, measure: str) -> list[float | Non
 
 def _rounded(value: float) -> float | None:
     """Four digits that count."""
-    return rounded(value, digits=4) if abs(value) <= _DIVERGED else None
+    found: float | None = plain_numbers(value, digits=4)
+    return found if abs(value) <= _DIVERGED else None
 
 
 def _summary(readings: Mapping[str, Any], shown: Sequence[str]) -> dict[str, Any]:

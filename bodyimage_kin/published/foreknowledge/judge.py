@@ -12,13 +12,13 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Shaped
 
-from bodyimage_kin._json import plain, write_json
+from bodyimage_kin._files import write_json
 from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.published.foreknowledge.evaluate import Combination, Score, evaluate, evaluate_by_posture
 from bodyimage_kin.published.foreknowledge.grid import CONDITIONS, ESTIMATORS, Condition
 from bodyimage_kin.published.foreknowledge.scores import PREDICTORS, predictors
 from bodyimage_kin.recordings import Noise
-from bodyimage_kin.study import failures, markdown_table
+from bodyimage_kin.study import failures, markdown_table, plain_numbers
 from bodyimage_kin.study.statistics import NEEDED, Interval
 
 __all__ = [
@@ -125,7 +125,7 @@ def judge(results: xr.Dataset, body: Any, conditions: Sequence[Condition] = COND
         "config": json.loads(results.attrs["config"]),
         "versions": json.loads(results.attrs["versions"]),
     }
-    return dict(plain(found, digits=5))
+    return dict(plain_numbers(found))
 
 
 def write_summary(found: Mapping[str, Any], path: Path) -> None:

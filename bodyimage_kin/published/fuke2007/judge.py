@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bodyimage_kin._json import plain, write_json
+from bodyimage_kin._files import write_json
 from bodyimage_kin.published.fuke2007.blindness import FALSE_ALARMS, permuted_error, power
 from bodyimage_kin.published.fuke2007.claims import judged
 from bodyimage_kin.published.fuke2007.conditions import Conditions
 from bodyimage_kin.published.fuke2007.corruption import DOSES
 from bodyimage_kin.published.fuke2007.grid import CONDITIONS, DIRECT, ESTIMATORS, Condition
-from bodyimage_kin.study.summary import refuse_failed
+from bodyimage_kin.study.summary import plain_numbers, refuse_failed
 
 __all__ = ["PROBES", "judge", "write_summary"]
 
@@ -52,7 +52,7 @@ def judge(results: xr.Dataset) -> dict[str, Any]:
     refuse_failed(results)
     found = Conditions(results)
     return dict(
-        plain(
+        plain_numbers(
             {
                 "conditions": {
                     one.name: {estimator: _scores(found, one, estimator) for estimator in ESTIMATORS}
@@ -67,7 +67,8 @@ def judge(results: xr.Dataset) -> dict[str, Any]:
                 },
                 "seeds": len(found.seeds),
                 "versions": json.loads(results.attrs["versions"]),
-            }
+            },
+            digits=None,
         )
     )
 
