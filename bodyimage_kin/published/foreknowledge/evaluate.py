@@ -177,7 +177,6 @@ def evaluate(
     absolute: Collection[str] = (),
     groups: Groups = None,
     resamples: int = 500,
-    seed: int = 0,
 ) -> dict[str, Score]:
     """Scores predictors of one estimator's error against what was measured, one whole condition out at a time.
 
@@ -190,7 +189,6 @@ def evaluate(
         resamples: Bootstrap samples of the conditions, each calibrated anew and copies of one left out together; the
             interval is of their percentiles, NaN with too few conditions to publish one
             (:data:`bodyimage_kin.study.statistics.NEEDED`): more recordings of the same conditions make no R2 surer.
-        seed: Of the resampling.
 
     Returns:
         Name -> score, combinations last, and ``"mean_of_others"``: the geometric mean error of the other conditions'
@@ -215,8 +213,8 @@ def evaluate(
     for name, recipe in recipes.items():
         x = np.stack([features[one] for one in recipe.of])
         raw = features.get(name) if name in absolute else None
-        found[name] = _score(y, x, recipe.penalty, groups, raw, resamples, seed)
-    found["mean_of_others"] = _score(y, np.ones((1, *y.shape)), 0.0, groups, None, 0, seed)
+        found[name] = _score(y, x, recipe.penalty, groups, raw, resamples)
+    found["mean_of_others"] = _score(y, np.ones((1, *y.shape)), 0.0, groups, None, 0)
     return found
 
 
@@ -281,7 +279,6 @@ def _score(
     groups: Groups,
     raw: Float[np.ndarray, "conditions recordings"] | None,
     resamples: int,
-    seed: int,
 ) -> Score:
     predicted = leave_one_condition_out(y, x, penalty, groups)
     labels = np.unique(np.arange(len(y)) if groups is None else np.asarray(groups), return_inverse=True)[1]
@@ -294,7 +291,7 @@ def _score(
         again = leave_one_condition_out(y[units], x[:, units], penalty, labels[units])
         return _both(*_means(y[units], again))
 
-    explained, line = resampled_together(of, len(y), "conditions", resamples=resamples, seed=seed)
+    explained, line = resampled_together(of, len(y), "conditions", resamples=resamples)
     return Score(
         r2=explained,
         r2_log=r2(*map(np.log, _means(y, predicted))),
