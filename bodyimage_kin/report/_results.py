@@ -71,12 +71,12 @@ def ranking(results: xr.Dataset, medians: xr.Dataset, columns: int) -> Figure:
         columns: Panels in a row at the most.
     """
     places = [(e, r) for e in names_of(medians, "embodiment") for r in names_of(medians, "recording")]
+    panels = [_known(medians.sel(embodiment=embodiment, recording=recording)) for embodiment, recording in places]
     columns = min(columns, len(places))
     rows = math.ceil(len(places) / columns)
-    height = 0.5 + rows * (0.6 + 0.16 * medians.sizes["estimator"])
+    height = 0.5 + rows * (0.6 + 0.16 * max(one.sizes["estimator"] for one in panels))
     figure, grid = figures.panels(rows, columns, height=height, sharex=True)
-    for axes, (embodiment, recording) in zip(grid.flat, places, strict=False):
-        one = medians.sel(embodiment=embodiment, recording=recording)
+    for axes, (embodiment, recording), one in zip(grid.flat, places, panels, strict=False):
         figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel="relative error of the Jacobian")
         axes.set_title(figures.drawn(place_of(results, embodiment, recording)))
         axes.tick_params(labelbottom=True)
@@ -84,3 +84,9 @@ def ranking(results: xr.Dataset, medians: xr.Dataset, columns: int) -> Figure:
         axes.remove()
     figures.legend(figure)
     return figure
+
+
+def _known(medians: xr.Dataset) -> xr.Dataset:
+    """Without the estimators that have no error here; all, where none has one."""
+    there = np.isfinite(medians["median"].values).any(medians["median"].get_axis_num("probe"))
+    return medians.isel(estimator=np.flatnonzero(there)) if there.any() else medians
