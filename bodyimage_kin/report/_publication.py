@@ -16,7 +16,7 @@ from bodyimage_kin._files import write_text
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.report._latex import latex_table
 from bodyimage_kin.report._page import labels_of
-from bodyimage_kin.report._results import HEADLINE, learned, names_of, probe_of_use, ranking
+from bodyimage_kin.report._results import HEADLINE, asked, learned, names_of, probe_of_use, ranking
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.scores import PARTS
@@ -83,6 +83,8 @@ def _numbers(results: xr.Dataset, medians: Mapping[str, xr.Dataset], baseline: s
             rows = {}
             for estimator in results["estimator"].values:
                 at = {"embodiment": embodiment, "recording": recording, "estimator": estimator}
+                if not asked(results.sel(at), medians):
+                    continue
                 row: dict[str, Any] = {score: _spread(one.sel(at)) for score, one in medians.items()}
                 if parts is not None:
                     there = parts.sel(at)

@@ -11,6 +11,7 @@ import xarray as xr
 from bodyimage_kin.report._results import (
     HEADLINE,
     Interval,
+    asked,
     intervals_of,
     learned,
     names_of,
@@ -35,30 +36,29 @@ def tables(
     for embodiment in names_of(results, "embodiment"):
         for recording in names_of(results, "recording"):
             at = {"embodiment": embodiment, "recording": recording}
-            failed = _failed(results.sel(at))
-            asked = [
+            there = [
                 name
                 for name in names_of(results, "estimator")
-                if name in failed or any(_has(one.sel(at), name) for one in medians.values())
+                if asked(results.sel({**at, "estimator": name}), medians)
             ]
-            headline = medians[HEADLINE].sel({**at, "estimator": asked}) if HEADLINE in medians else None
-            ranked = [] if headline is None else _ranked(headline, probe_of_use(results))
-            ranked = [
-                (name, [values[index] for index in first_use])
-                for name, values in ranked
-                if name in failed or _has(headline, name)
-            ]
+            ranked = []
+            if HEADLINE in medians:
+                of = [name for name in there if asked(results.sel({**at, "estimator": name}), [HEADLINE])]
+                ranked = [
+                    (name, [values[index] for index in first_use])
+                    for name, values in _ranked(medians[HEADLINE].sel({**at, "estimator": of}), probe_of_use(results))
+                ]
             order = [name for name, _ in ranked]
             if not order and judged_by_hidden(medians):
-                order = [name for name, _ in _ranked(medians[_HIDDEN].sel({**at, "estimator": asked}))]
-            order += [name for name in asked if name not in order]
+                order = [name for name, _ in _ranked(medians[_HIDDEN].sel({**at, "estimator": there}))]
+            order += [name for name in there if name not in order]
             found.append(
                 {
                     "place": place_of(results, embodiment, recording),
                     "probes": probes,
                     "ranked_probes": [probes[index] for index in first_use],
                     "ranked": ranked,
-                    "unasked": [name for name in names_of(results, "estimator") if name not in asked],
+                    "unasked": [name for name in names_of(results, "estimator") if name not in there],
                     "ratios": comparison["ratios"].get(recording, {}) if comparison else {},
                     "by_probe": [
                         (title_of(results, score), _rows(one.sel(at), order))
@@ -74,16 +74,6 @@ def tables(
                 }
             )
     return found
-
-
-def _failed(one: xr.Dataset) -> list[str]:
-    """Estimators whose fit failed for some recording."""
-    return [name for name in names_of(one, "estimator") if bool((one["failure"].sel(estimator=name) != "").any())]
-
-
-def _has(medians: xr.Dataset | None, name: str) -> bool:
-    """Whether an estimator has any number of a score."""
-    return medians is not None and bool(np.isfinite(medians["median"].sel(estimator=name).values).any())
 
 
 def judged_by_hidden(medians: Mapping[str, xr.Dataset]) -> bool:

@@ -113,7 +113,11 @@ def compare(results: xr.Dataset, score: str, baseline: str, *, seed: int = 0) ->
     coords = {dim: values[dim] for dim in inner if dim in values.coords}
     variables = {name: ((*inner, "estimator"), np.reshape(one, shape)) for name, one in found.items()}
     sizes = {"estimator": len(others), **{dim: values.sizes[dim] for dim in inner}}
-    family = f"{p.size} comparisons: {' x '.join(f'{count} {_many(dim, count)}' for dim, count in sizes.items())}"
+    made = int(np.isfinite(p).sum())
+    grid = " x ".join(f"{count} {_many(dim, count)}" for dim, count in sizes.items())
+    family = f"{made} {'comparison' if made == 1 else 'comparisons'}: {grid}" + (
+        "" if made == p.size else ", where both have a score"
+    )
     attributes = {**values.attrs, "baseline": baseline, "family": family}
     return xr.Dataset(variables, {**coords, "estimator": others}, attributes)
 

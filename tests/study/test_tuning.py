@@ -488,7 +488,14 @@ PUBLISHED = Path(__file__).parents[2] / "comparisons" / "estimators" / "tuning.j
 @pytest.mark.skipif(not PUBLISHED.exists(), reason="no search is published: comparisons/estimators/tune.py makes one")
 def test_the_published_search_gave_all_the_same_budget_and_can_be_read():
     published = read_tuning(PUBLISHED)
-    assert set(published) == set(bk.estimators.names()) - {"Ensemble", "Conformal", "Given", "Saved", "Nominal"}
+    assert set(published) == set(bk.estimators.names()) - {
+        "Ensemble",
+        "Conformal",
+        "Misinformed",
+        "Given",
+        "Saved",
+        "Nominal",
+    }
     assert len({(one.budget, one.seed, one.draws, one.criterion) for one in published.values()}) == 1
     for name, one in published.items():
         assert one.space == SPACES[name]

@@ -197,6 +197,7 @@ def verdict(found: Mapping[str, Any], estimator: str) -> str:
 _LABELS = {
     "least_squares": "Least squares",
     "paper_mlp": "The paper's network",
+    "polynomial": "Cubic polynomial",
     "rational_trig": "Rational trigonometric",
     "posture_distance": "distance of mean postures",
     "posture_distance_seen": "distance of mean postures, in seen spreads",
