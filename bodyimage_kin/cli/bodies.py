@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,7 +131,7 @@ class New(Command):
                 pictures=True,
             )
         except BodyImageKinError as problem:
-            print(f"no picture: {problem}")
+            print(f"no picture: {problem}", file=sys.stderr if self.json else sys.stdout)
             return
         with atomic_path(self.out.with_suffix(".png")) as temporary:
             figure.savefig(temporary, dpi=150, format="png")
