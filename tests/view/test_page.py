@@ -19,14 +19,8 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 viser = pytest.importorskip("viser", reason="viser is not installed: no page is served")
 in_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed: the page is not opened")
 
-# Clicks the checkbox that a label stands beside.
-CLICK = """
-[...document.querySelectorAll('input[type=checkbox]')].find(box => {{
-  let around = box;
-  for (let up = 0; up < 4 && around; up++) around = around.parentElement;
-  return around && around.innerText.includes('{}');
-}}).click()
-"""
+# Clicks whatever a label stands beside.
+CLICK = "[...document.querySelectorAll('label')].find(one => one.textContent === '{}').click()"
 
 
 @pytest.fixture(scope="module")
