@@ -88,8 +88,9 @@ def ranking(results: xr.Dataset, medians: xr.Dataset, columns: int) -> Figure:
     rows = math.ceil(len(places) / columns)
     height = 0.5 + rows * (0.6 + 0.16 * max(one.sizes["estimator"] for one in panels))
     figure, grid = figures.panels(rows, columns, height=height, sharex=True)
+    xlabel = "relative error of the Jacobian" if columns < 3 else "relative error"
     for axes, (embodiment, recording), one in zip(grid.flat, places, panels, strict=False):
-        figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel="relative error of the Jacobian")
+        figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel=xlabel)
         axes.set_title(figures.drawn(place_of(results, embodiment, recording)))
         axes.tick_params(labelbottom=True)
     for axes in grid.flat[len(places) :]:

@@ -22,7 +22,7 @@ from population import Individual, drawn
 
 import bodyimage_kin as bk
 from bodyimage_kin import figures
-from bodyimage_kin.study import Row, Simulation, failures, markdown_table, statistics
+from bodyimage_kin.study import Row, Simulation, failures, markdown_table, plain_numbers, statistics
 
 HERE = Path(__file__).parent
 BODIES = 40
@@ -102,11 +102,11 @@ def rows_of(results: xr.Dataset) -> dict[str, dict[str, float]]:
         for name in ESTIMATORS if recording == "circle" else SEVERAL:
             at = results.squeeze(["embodiment", "seed"]).sel(recording=recording, estimator=name)
             found[name if recording == "circle" else f"{name}{DEEP}"] = {
-                "on_face": _five(at[SCORE].sel(probe="on_face").item()),
-                "on_circle": _five(at[SCORE].sel(probe="on_circle").item()),
-                "on_face_identity": _five(at["relative_error"].sel(probe="on_face").item()),
+                "on_face": at[SCORE].sel(probe="on_face").item(),
+                "on_circle": at[SCORE].sel(probe="on_circle").item(),
+                "on_face_identity": at["relative_error"].sel(probe="on_face").item(),
             }
-    return found
+    return dict(plain_numbers(found))
 
 
 def summarised(bodies: list[dict[str, Any]]) -> dict[str, Any]:
@@ -117,24 +117,23 @@ def summarised(bodies: list[dict[str, Any]]) -> dict[str, Any]:
     ranked = [name for name in names if name != "analytic"]
     rows = {
         name: {
-            **{key: _five(value) for key, value in vars(statistics.spread(errors[name])).items()},
-            "on_circle": _five(statistics.spread(on_circle[name]).median),
+            **vars(statistics.spread(errors[name])),
+            "on_circle": statistics.spread(on_circle[name]).median,
         }
         for name in ranked
     }
     learners = [name for name in ranked if not name.startswith("null_")]
     pairs = statistics.ranked({name: errors[name] for name in learners})
     people = [body["individual"] for body in bodies]
-    return {
+    summary = {
         "infants": len(people),
         "drawn": sum(one["tries"] for one in people),
-        "least_arm": _five(min(one["arm"] for one in people)),
-        "most_arm": _five(max(one["arm"] for one in people)),
+        "least_arm": min(one["arm"] for one in people),
+        "most_arm": max(one["arm"] for one in people),
         "rows": rows,
-        "pairs": {
-            f"{a} < {b}": {key: _five(value) for key, value in vars(pair).items()} for (a, b), pair in pairs.items()
-        },
+        "pairs": {f"{a} < {b}": vars(pair) for (a, b), pair in pairs.items()},
     }
+    return dict(plain_numbers(summary))
 
 
 def table(found: Mapping[str, Any]) -> str:
@@ -249,10 +248,6 @@ def _neighbours(order: list[str]) -> list[tuple[str, str]]:
 
 def _number(value: float | None) -> float:
     return float("nan") if value is None else value
-
-
-def _five(value: float) -> float | None:
-    return float(f"{value:.5g}") if np.isfinite(value) else None
 
 
 def _say(value: float | None) -> str:

@@ -28,8 +28,9 @@ import bodyimage_kin as bk
 from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.recordings import simulate_many
 from bodyimage_kin.recordings.schema import versions
-from bodyimage_kin.study.blocks import stream
+from bodyimage_kin.study import plain_numbers
 from bodyimage_kin.study.cells import fit_all
+from bodyimage_kin.study.random_streams import stream
 from bodyimage_kin.study.specs import ESTIMATOR
 from bodyimage_kin.study.tuning import Tuned, tune, write_tuning
 
@@ -107,7 +108,7 @@ def on_face(name: str, condition: str, settings: Sequence[Mapping[str, Any]]) ->
             except BodyImageKinError:
                 found[-1].append(None)
                 continue
-            found[-1].append(_five(scored["relative_error_use"].item()))
+            found[-1].append(plain_numbers(scored["relative_error_use"].item()))
     return found
 
 
@@ -175,8 +176,8 @@ def lucky(
     return {
         name: {
             "settings": settings[name],
-            "seen": [_five(search[name].best(at).score(at)) for search in searches],
-            "on_face": [_five(np.median([np.inf if one is None else one for one in row])) for row in rows],
+            "seen": [plain_numbers(search[name].best(at).score(at)) for search in searches],
+            "on_face": [plain_numbers(np.median([np.inf if one is None else one for one in row])) for row in rows],
             "on_face_of_each": rows,
         }
         for name, rows in measured.items()
@@ -199,10 +200,6 @@ def table(tuned: Mapping[str, Tuned]) -> str:
         scores = f"{tried[0].score():9.3g} {best.score():9.3g}"
         lines.append(f"{name:22} {scores} {len(tried):3d} {failed:7d}  {settings}")
     return "\n".join(lines)
-
-
-def _five(value: float) -> float | None:
-    return float(f"{value:.5g}") if np.isfinite(value) else None
 
 
 if __name__ == "__main__":
