@@ -171,7 +171,7 @@ def postures(body: Embodiment, postures: ArrayLike, ax: Axes | None = None) -> A
         places = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
         for joint, angles in zip(body.joints, each.T, strict=True):
             # Not seen, but the values of the drawing.
-            axes.scatter(*places.T, c=angles, visible=False, label=UNLISTED + drawn(joint))
+            axes.scatter(places[:, 0], places[:, 1], c=angles, visible=False, label=UNLISTED + drawn(joint))
         strip = 0.09 * height
         axes.set(ylim=(rows * height + 2.4 * strip, 0), xlabel="column of the map", ylabel="row of the map")
         axes.set_xticks(across, [f"{column + 1}" for column in range(columns)])
