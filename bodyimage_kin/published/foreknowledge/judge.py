@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Shaped
 
-from bodyimage_kin._files import write_text
+from bodyimage_kin._files import write_json
 from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.published.foreknowledge.evaluate import Combination, Score, evaluate, evaluate_by_posture
 from bodyimage_kin.published.foreknowledge.grid import CONDITIONS, ESTIMATORS, Condition
@@ -130,7 +130,7 @@ def judge(results: xr.Dataset, body: Any, conditions: Sequence[Condition] = COND
 
 def write_summary(found: Mapping[str, Any], path: Path) -> None:
     """Writes what was judged as JSON, atomically."""
-    write_text(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    write_json(path, found)
 
 
 def label(name: str) -> str:
