@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.spatial
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 __all__ = ["CLUSTER_DISTANCE", "clusters", "middle", "touched_place"]
 
@@ -31,10 +31,12 @@ def clusters(
     left, found = np.ones(len(taxels), dtype=bool), []
     # They are few: walking from one to the next is ten times faster than a sparse graph of them.
     while left.any():
-        inside = np.zeros(len(taxels), dtype=bool)
+        inside: Bool[np.ndarray, "taxels"] = np.zeros(len(taxels), dtype=bool)
         inside[left.argmax()] = True
-        while (more := near[inside].any(axis=0)).sum() > inside.sum():
-            inside = more
+        count = 0
+        while inside.sum() > count:
+            count = int(inside.sum())
+            inside = np.asarray(near[inside].any(axis=0))
         found.append(taxels[inside])
         left &= ~inside
     return sorted(found, key=lambda one: (-len(one), int(one[0])))
