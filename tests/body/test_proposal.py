@@ -158,3 +158,10 @@ def test_links_that_move_with_a_hand_are_found_with_their_fingers():
     assert "left_hand" in hulls.beyond("left_forearm")
     assert "left_forearm" not in hulls.beyond("left_hand")
     assert "head" not in hulls.beyond("left_forearm")
+
+
+def test_joints_that_cannot_move_are_named_where_the_hand_gets_nowhere():
+    stiff = ARM.format(y=0).replace('lower="-3" upper="3"', 'lower="0" upper="0"')
+    with pytest.raises(BodyImageKinError, match=r"for 'b' cannot move \(look at <limit>\)") as told:
+        propose(bk.Robot.from_urdf(stiff), "lower")
+    assert any(note.count("gets no nearer") == 1 for note in told.value.__notes__)
