@@ -193,7 +193,7 @@ def _short(text: str) -> str:
     """Without the places of this machine, and no longer than a cell bears."""
     words = ["..." if word.strip("',;").startswith("/") else word for word in text.split()]
     told = " ".join(words)
-    return told if len(told) < 220 else f"{told[:217]}..."
+    return told if len(told) < 320 else f"{told[:317]}..."
 
 
 if __name__ == "__main__":
