@@ -53,8 +53,8 @@ def eye_link(robot: Robot, hand: str, camera: str | None, folder: Path | None, s
         else "give the link that is to be touched a <collision>, for none has a shape as large as a face"
     )
     raise InvalidConfig(
-        f"no link of robot '{robot.name}' is named after an eye, a camera or a head; name one as camera, and {touched}; "
-        f"its links are {', '.join(robot.link_names[:12])}{' ...' if len(robot.link_names) > 12 else ''}"
+        f"no link of robot '{robot.name}' is named after an eye, a camera or a head; name one as camera, and "
+        f"{touched}; its links are {', '.join(robot.link_names[:12])}{' ...' if len(robot.link_names) > 12 else ''}"
     )
 
 
