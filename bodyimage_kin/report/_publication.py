@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from bodyimage_kin import figures
-from bodyimage_kin._files import write_text
+from bodyimage_kin._files import write_json, write_text
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.report._latex import latex_table
 from bodyimage_kin.report._page import labels_of
@@ -54,7 +54,7 @@ def write(results: xr.Dataset, folder: Path, baseline: str | None, labels: Mappi
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as problem:
             raise OutputRefused(f"cannot write to '{folder}': {problem.strerror}; name another folder") from None
-        write_text(folder / "results.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
+        write_json(folder / "results.json", numbers)
         write_text(folder / "table.md", _table(numbers))
         write_text(folder / "table.tex", _latex(numbers))
         with figures.style():

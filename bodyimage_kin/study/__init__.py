@@ -9,7 +9,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bodyimage_kin.study.context import Context, Fact, LeftOut, Score, WrongResult
+    from bodyimage_kin.study.answers import WrongResult
+    from bodyimage_kin.study.context import Context, Fact, LeftOut, Score
     from bodyimage_kin.study.facts import FACTS
     from bodyimage_kin.study.grid import Row, Simulation
     from bodyimage_kin.study.held_out import held_out_scores, noise_of
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
     from bodyimage_kin.study.summary import chain, compare, failures, markdown_table, plain_numbers, summarise
 
 _MODULES = {
-    "context": ("Context", "Fact", "LeftOut", "Score", "WrongResult"),
+    "answers": ("WrongResult",),
+    "context": ("Context", "Fact", "LeftOut", "Score"),
     "facts": ("FACTS",),
     "grid": ("Row", "Simulation"),
     "held_out": ("held_out_scores", "noise_of"),

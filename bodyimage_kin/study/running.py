@@ -15,6 +15,7 @@ from typing import Any
 from bodyimage_kin.errors import OutputRefused
 from bodyimage_kin.study import cells
 from bodyimage_kin.study.blocks import Block
+from bodyimage_kin.study.bodies import load_body
 from bodyimage_kin.study.calls import Call, NoWorker, WorkerDied
 from bodyimage_kin.study.cells import Job
 from bodyimage_kin.study.executors import ExecutorLost, Others, Ours, was_lost
@@ -70,7 +71,7 @@ def work_off(
     limit: float | None,
     retry: bool,
     twice: bool,
-    report: Callable[[int, int], None],
+    tell: Callable[[int, int], None],
 ) -> None:
     """Computes what is missing of a study.
 
@@ -82,7 +83,7 @@ def work_off(
         limit: Time that a cell may take [s]; None: any.
         retry: Whether cells that failed are tried again.
         twice: Whether each cell is computed twice, and fails where that differs.
-        report: Called with the number of tasks that are done, and their total.
+        tell: Called with the number of tasks that are done, and their total.
 
     Raises:
         OutputRefused: The store cannot be written to.
@@ -92,7 +93,7 @@ def work_off(
     todo = _Todo(rows, store, _missing(blocks, rows, store, retry=retry))
     # Where nothing can be killed, time is limited by giving up all that was handed out.
     todo.together = limit is None or (not isinstance(executor, Others) and executor.room > 1)
-    report(todo.done, todo.total)
+    tell(todo.done, todo.total)
     pending: dict[Future[Any], list[_Task]] = {}
     try:
         while todo.tasks or pending:
@@ -103,13 +104,13 @@ def work_off(
                     except Exception as problem:
                         raise ExecutorLost(f"nobody is left to work ({said(problem)}); {_KEPT}") from None
                 else:
-                    report(todo.done, todo.total)
+                    tell(todo.done, todo.total)
             finished = wait(pending, _LOOK, FIRST_COMPLETED).done if pending else ()
             if not finished and executor.gone:
                 raise ExecutorLost(f"the scheduler is lost; {_KEPT}")
             for future in finished:
                 todo.settle(pending.pop(future), future)
-                report(todo.done, todo.total)
+                tell(todo.done, todo.total)
     finally:
         for future in pending:
             future.cancel()
@@ -242,5 +243,5 @@ def _call(tasks: Sequence[_Task], limit: float | None, twice: bool) -> Call:
     if not first.job.name:
         return Call(cells.work_through, (first.job.block, jobs), alone=first.alone)
     # A body is loaded before the time runs.
-    prepare = cells.load_body if limit is not None else None
+    prepare = load_body if limit is not None else None
     return Call(cells.work_through, (first.job.block, jobs, twice), prepare, limit, first.alone)

@@ -13,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
-import math
 import re
 import types
 import typing
@@ -41,11 +40,9 @@ __all__ = [
     "Table",
     "arguments",
     "class_name",
-    "finite",
     "from_settings",
     "other_bodies",
     "plain_name",
-    "refuse_deep",
     "refuse_unknown",
     "settings_of",
     "snake",
@@ -57,8 +54,6 @@ Table: TypeAlias = dict[str, Any]
 _NONE = "none"
 """How a table says None where that is not the default, as in ``reset_interval = "none"``."""
 _LONGEST = 200
-_DEEPEST = 20
-"""Tables within tables: no spec of ours comes near it."""
 
 
 @dataclass(frozen=True)
@@ -338,14 +333,6 @@ def refuse_unknown(what: str, table: Mapping[str, Any], known: Any) -> None:
             raise InvalidConfig(str(UnknownName(what, _short(name), known)))
 
 
-def refuse_deep(what: str, value: Any, depth: int = 0) -> None:
-    """Raises InvalidConfig for tables within tables beyond any sense."""
-    if depth > _DEEPEST:
-        raise InvalidConfig(f"{what}: more than {_DEEPEST} tables within each other; no setting lies so deep")
-    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
-        refuse_deep(what, item, depth + 1)
-
-
 def other_bodies(spec: Any) -> Iterator[Embodiment]:
     """The embodiments that an object was built with, and those of objects within it."""
     if isinstance(spec, list | tuple):
@@ -445,16 +432,3 @@ def _parameters(cls: Any) -> Mapping[str, inspect.Parameter]:
         return inspect.signature(cls).parameters
     except (TypeError, ValueError):
         return {}
-
-
-def finite(what: str, value: Any) -> Any:
-    """The value itself, once no number in it is infinite or NaN, which neither TOML nor a result can keep apart.
-
-    Raises:
-        InvalidConfig: One that is.
-    """
-    if isinstance(value, float) and not math.isfinite(value):
-        raise InvalidConfig(f"{what}={value!r}: give a finite number")
-    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
-        finite(what, item)
-    return value

@@ -21,14 +21,14 @@ from bodyimage_kin._checks import choice, flag, number, whole
 from bodyimage_kin._files import write_text
 from bodyimage_kin._shown import Shown
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.recordings import write_recording
-from bodyimage_kin.study import asked, cells, executors, results, running, specs, store
+from bodyimage_kin.study import asked, executors, results, running, specs, store
 from bodyimage_kin.study.blocks import blocks
+from bodyimage_kin.study.bodies import body_of
 from bodyimage_kin.study.context import Score
 from bodyimage_kin.study.fitness import refuse_unfit
-from bodyimage_kin.study.grid import Row
+from bodyimage_kin.study.grid import Row, row_of
 from bodyimage_kin.study.scoring import PROBES, default_facts, default_scores, need_maps
 from bodyimage_kin.study.specs import ESTIMATOR, Table
 from bodyimage_kin.study.store import Store
@@ -127,7 +127,7 @@ class Study(Shown):
             for place in row.get("on", ()):
                 if place not in known:
                     raise InvalidConfig(f"row '{name}': {UnknownName('recording', place, known)}")
-        specs.finite("study", self.table())
+        asked.refuse_infinite("study", self.table())
 
     # As a file ------------------------------------------------------------------------------------------------------
 
@@ -194,7 +194,7 @@ class Study(Shown):
         """
         known = [one.name for one in dataclasses.fields(cls) if one.init and one.name != "folder"]
         specs.refuse_unknown("field of a study", table, known)
-        specs.refuse_deep("study", table)
+        asked.refuse_deep("study", table)
         for name in ("embodiments", "recordings", "estimators"):
             if name not in table:
                 raise InvalidConfig(f"the study's field '{name}' is missing; give a table, NAME -> spec")
@@ -244,7 +244,7 @@ class Study(Shown):
         shown = _progress.progress("tasks") if progress is True else nullcontext(progress or (lambda done, total: None))
         threads = torch.get_num_threads()
         try:
-            with executors.executor(executor, workers) as working, shown as report:
+            with executors.executor(executor, workers) as working, shown as tell:
                 running.work_off(
                     blocks({**origin, "folder": str(self.folder.absolute())}, place.folder),
                     self.estimators,
@@ -253,7 +253,7 @@ class Study(Shown):
                     limit=self.time_limit,
                     retry=retry,
                     twice=twice,
-                    report=report,
+                    tell=tell,
                 )
         finally:
             # Cells worked off in this process compute with one.
@@ -272,7 +272,7 @@ class Study(Shown):
         for body in bodies.values():
             # What a setting's value makes impossible is said before anything is computed.
             for table in self.estimators.values():
-                row = cells.row_of(table, self.folder)
+                row = row_of(table, self.folder)
                 if row.estimator is not None and not row.told:
                     built = ESTIMATOR.build(row.estimator, self.folder, body)
                     others |= {
@@ -309,10 +309,7 @@ class Study(Shown):
                     f"embodiment {table['given'][:12]} was handed to another study; give it to this one"
                 )
             return self._given[table["given"]]
-        place = cells.body_place(table, self.folder, Path())
-        if not place:
-            return None
-        return load_embodiment(place, table.get("backend"), mesh_folder=cells.mesh_folder(table, self.folder))
+        return body_of(table, self.folder)
 
 
 def _with_paths(value: Any, names: Mapping[str, str]) -> Any:

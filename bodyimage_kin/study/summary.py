@@ -23,6 +23,7 @@ __all__ = [
     "markdown_table",
     "plain_markdown",
     "plain_numbers",
+    "refuse_failed",
     "summarise",
 ]
 
@@ -225,6 +226,24 @@ def failures(results: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
+def refuse_failed(results: xr.Dataset, but: str = "") -> None:
+    """Refuses results of which a cell failed, for whoever judges them all.
+
+    Args:
+        results: Of :meth:`Study.run`.
+        but: Name of an error that may be.
+
+    Raises:
+        InvalidConfig: One failed; says which, and why.
+    """
+    wrong = [one for one in failures(results) if not (but and one["failure"].startswith(but))]
+    if wrong:
+        raise InvalidConfig(
+            f"{len(wrong)} cells failed, {wrong[0]['recording']}/{wrong[0]['estimator']} first: "
+            f"{wrong[0]['failure']}; run it again with retry=True"
+        )
+
+
 def markdown_table(head: Sequence[str], rows: Sequence[Sequence[object]], words: int = 1) -> str:
     """A table as Markdown.
 
@@ -242,12 +261,12 @@ def plain_markdown(cell: object) -> str:
     return " ".join(str(cell).replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").split())
 
 
-def plain_numbers(value: Any, digits: int = 5) -> Any:
+def plain_numbers(value: Any, digits: int | None = 5) -> Any:
     """Results as a JSON file keeps them: numbers to a few digits, and None for those that are not finite.
 
     Args:
         value: A number, or mappings and sequences of them, nested as they may be; anything else stays as it is.
-        digits: How many are significant.
+        digits: How many are significant; None: all.
     """
     if isinstance(value, Mapping):
         return {key: plain_numbers(item, digits) for key, item in value.items()}
@@ -256,7 +275,9 @@ def plain_numbers(value: Any, digits: int = 5) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float):
-        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+        if not math.isfinite(value):
+            return None
+        return value if digits is None else float(f"{value:.{digits}g}")
     return value
 
 

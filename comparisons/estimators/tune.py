@@ -29,8 +29,8 @@ from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.recordings import simulate_many
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study import plain_numbers
-from bodyimage_kin.study.blocks import stream
 from bodyimage_kin.study.cells import fit_all
+from bodyimage_kin.study.random_streams import stream
 from bodyimage_kin.study.specs import ESTIMATOR
 from bodyimage_kin.study.tuning import Tuned, tune, write_tuning
 

@@ -19,7 +19,7 @@ import bodyimage_kin as bk
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators import ConstantJacobian, Estimator, LeastSquares, Ridge, pairs
 from bodyimage_kin.metrics.held_out import hold_out, hold_out_far, image_regions
-from bodyimage_kin.study.blocks import stream
+from bodyimage_kin.study.random_streams import stream
 from bodyimage_kin.study.spaces import SPACES, checked_space, points
 from bodyimage_kin.study.specs import ESTIMATOR
 from bodyimage_kin.study.tuning import read_tuning, tune, write_tuning

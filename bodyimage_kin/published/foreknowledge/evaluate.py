@@ -8,7 +8,7 @@ Whoever is silent on a whole condition that was measured has no score: R2 over f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -16,13 +16,14 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Bool, Float
 
-from bodyimage_kin._arrays import as_float_array
+from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
-from bodyimage_kin.study.statistics import NEEDED, Interval
+from bodyimage_kin.study.statistics import Interval, resampled_together
 
 __all__ = [
     "Combination",
     "Errors",
+    "Groups",
     "PostureScore",
     "Score",
     "evaluate",
@@ -32,9 +33,10 @@ __all__ = [
     "slope",
 ]
 
-Errors: TypeAlias = Any
+Errors: TypeAlias = ArrayLike
 """(conditions, recordings) positive floats; not finite where a recording failed."""
-_LEVEL = 0.95
+Groups: TypeAlias = Sequence[object] | np.ndarray | None
+"""Label of each condition; None: each has its own."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class PostureScore:
     r2: float
 
 
-def r2(measured: Any, predicted: Any) -> float:
+def r2(measured: ArrayLike, predicted: ArrayLike) -> float:
     """``1 - sum (measured - predicted)^2 / sum (measured - mean)^2``; NaN where nothing varies.
 
     Args:
@@ -112,7 +114,7 @@ def r2(measured: Any, predicted: Any) -> float:
     return 1.0 - float(((y - x) ** 2).sum()) / total if total > 0 else float("nan")
 
 
-def slope(measured: Any, predicted: Any) -> float:
+def slope(measured: ArrayLike, predicted: ArrayLike) -> float:
     """Slope of the least-squares line of measured on predicted; NaN where nothing varies. Arguments as in :func:`r2`.
 
     Raises:
@@ -125,7 +127,10 @@ def slope(measured: Any, predicted: Any) -> float:
 
 
 def leave_one_condition_out(
-    measured: Errors, predicted: Any, penalty: float | int = 0.0, groups: Any = None
+    measured: Errors,
+    predicted: ArrayLike,
+    penalty: float | int = 0.0,
+    groups: Groups = None,
 ) -> Float[np.ndarray, "conditions *rest"]:
     """Predictions of each condition, calibrated on all others.
 
@@ -169,10 +174,9 @@ def evaluate(
     predicted: Mapping[str, Errors],
     combinations: Mapping[str, Combination] | None = None,
     *,
-    absolute: Any = (),
-    groups: Any = None,
+    absolute: Collection[str] = (),
+    groups: Groups = None,
     resamples: int = 500,
-    seed: int = 0,
 ) -> dict[str, Score]:
     """Scores predictors of one estimator's error against what was measured, one whole condition out at a time.
 
@@ -185,7 +189,6 @@ def evaluate(
         resamples: Bootstrap samples of the conditions, each calibrated anew and copies of one left out together; the
             interval is of their percentiles, NaN with too few conditions to publish one
             (:data:`bodyimage_kin.study.statistics.NEEDED`): more recordings of the same conditions make no R2 surer.
-        seed: Of the resampling.
 
     Returns:
         Name -> score, combinations last, and ``"mean_of_others"``: the geometric mean error of the other conditions'
@@ -206,18 +209,16 @@ def evaluate(
         for name in recipe.of:
             if name not in features:
                 raise UnknownName("predictor", name, features)
-    enough = len(y) >= NEEDED["conditions"]
-    drawn = np.random.default_rng(seed).integers(len(y), size=(resamples if enough else 0, len(y)))
     found = {}
     for name, recipe in recipes.items():
         x = np.stack([features[one] for one in recipe.of])
         raw = features.get(name) if name in absolute else None
-        found[name] = _score(y, x, recipe.penalty, groups, raw, drawn)
-    found["mean_of_others"] = _score(y, np.ones((1, *y.shape)), 0.0, groups, None, drawn[:0])
+        found[name] = _score(y, x, recipe.penalty, groups, raw, resamples)
+    found["mean_of_others"] = _score(y, np.ones((1, *y.shape)), 0.0, groups, None, 0)
     return found
 
 
-def evaluate_by_posture(measured: Any, predicted: Any) -> PostureScore:
+def evaluate_by_posture(measured: ArrayLike, predicted: ArrayLike) -> PostureScore:
     """How well errors of single postures are foretold within a recording.
 
     Args:
@@ -246,7 +247,7 @@ def evaluate_by_posture(measured: Any, predicted: Any) -> PostureScore:
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
-def _pairs(measured: Any, predicted: Any) -> tuple[Float[np.ndarray, "pairs"], Float[np.ndarray, "pairs"]]:
+def _pairs(measured: ArrayLike, predicted: ArrayLike) -> tuple[Float[np.ndarray, "pairs"], Float[np.ndarray, "pairs"]]:
     y, x = as_float_array(measured, "measured"), as_float_array(predicted, "predicted")
     if y.shape != x.shape:
         raise InvalidArray(f"measured has shape {y.shape} but predicted {x.shape}; they must be the same")
@@ -275,27 +276,30 @@ def _score(
     y: Float[np.ndarray, "conditions recordings"],
     x: Float[np.ndarray, "k conditions recordings"],
     penalty: float,
-    groups: Any,
+    groups: Groups,
     raw: Float[np.ndarray, "conditions recordings"] | None,
-    drawn: np.ndarray,
+    resamples: int,
 ) -> Score:
     predicted = leave_one_condition_out(y, x, penalty, groups)
-    means = _means(y, predicted)
     labels = np.unique(np.arange(len(y)) if groups is None else np.asarray(groups), return_inverse=True)[1]
-    again = [_of_means(y[units], x[:, units], penalty, labels[units]) for units in drawn if len(np.unique(units)) > 2]
     nothing = (float("nan"), float("nan"))
+
+    def of(units: np.ndarray) -> tuple[float, float]:
+        """R2 and slope of some conditions, calibrated anew; copies of one are left out together."""
+        if len(np.unique(units)) < 3:
+            return nothing
+        again = leave_one_condition_out(y[units], x[:, units], penalty, labels[units])
+        return _both(*_means(y[units], again))
+
+    explained, line = resampled_together(of, len(y), "conditions", resamples=resamples)
     return Score(
-        r2=_interval(r2(*means), [one[0] for one in again], len(y)),
-        r2_log=r2(*map(np.log, means)),
+        r2=explained,
+        r2_log=r2(*map(np.log, _means(y, predicted))),
         r2_recordings=float("nan") if _silent(y, predicted) else r2(y, predicted),
-        slope=_interval(slope(*means), [one[1] for one in again], len(y)),
+        slope=line,
         **dict(zip(("raw_r2", "raw_slope"), nothing if raw is None else _both(*_means(y, raw)), strict=True)),
         predicted=predicted,
     )
-
-
-def _of_means(y: np.ndarray, x: np.ndarray, penalty: float, groups: Any) -> tuple[float, float]:
-    return _both(*_means(y, leave_one_condition_out(y, x, penalty, groups)))
 
 
 def _both(y: np.ndarray, x: np.ndarray) -> tuple[float, float]:
@@ -307,11 +311,3 @@ def _means(y: np.ndarray, x: np.ndarray) -> tuple[Float[np.ndarray, "conditions"
     there = np.isfinite(y) & np.isfinite(x) & (not _silent(y, x))
     count = np.where(there.any(1), there.sum(1), np.nan)
     return np.where(there, y, 0.0).sum(1) / count, np.where(there, x, 0.0).sum(1) / count
-
-
-def _interval(estimate: float, again: list[float], conditions: int) -> Interval:
-    finite = np.array([value for value in again if np.isfinite(value)])
-    if len(finite) == 0:
-        return Interval(estimate, float("nan"), float("nan"), conditions, "conditions")
-    lower, upper = np.quantile(finite, [(1 - _LEVEL) / 2, (1 + _LEVEL) / 2])
-    return Interval(estimate, float(lower), float(upper), conditions, "conditions")

@@ -12,7 +12,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Shaped
 
-from bodyimage_kin._files import write_text
+from bodyimage_kin._files import write_json
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.published.foreknowledge.evaluate import Combination, Score, evaluate, evaluate_by_posture
 from bodyimage_kin.published.foreknowledge.grid import CONDITIONS, ESTIMATORS, Condition
@@ -46,7 +47,7 @@ class NothingCame(BodyImageKinError):
     """Every condition and seed failed."""
 
 
-def judge(results: xr.Dataset, body: Any, conditions: Sequence[Condition] = CONDITIONS) -> dict[str, Any]:
+def judge(results: xr.Dataset, body: Embodiment, conditions: Sequence[Condition] = CONDITIONS) -> dict[str, Any]:
     """The run in numbers: scores of every predictor for every estimator, and the conditions' means behind them.
 
     Args:
@@ -130,7 +131,7 @@ def judge(results: xr.Dataset, body: Any, conditions: Sequence[Condition] = COND
 
 def write_summary(found: Mapping[str, Any], path: Path) -> None:
     """Writes what was judged as JSON, atomically."""
-    write_text(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    write_json(path, found)
 
 
 def label(name: str) -> str:
