@@ -79,17 +79,6 @@ class NextPostures:
         head = f"{', '.join(self.joints)}; predicted error before {self.predicted_error[0]:.3g}"
         return table("NextPostures", head, rows)
 
-    def to_dataset(self) -> xr.Dataset:
-        """Postures and predicted errors, labelled."""
-        return xr.Dataset(
-            {
-                "q": (("number", "joint"), self.q),
-                "candidate": (("number",), self.chosen),
-                "predicted_error": (("after",), self.predicted_error),
-            },
-            {"joint": list(self.joints), "number": np.arange(len(self.q)), "after": np.arange(len(self.q) + 1)},
-        )
-
 
 def next_postures(
     body: Embodiment | Calibrated,
@@ -104,6 +93,7 @@ def next_postures(
     aim: Aim = "probes",
     metric: ArrayLike | Literal["identity"] = "identity",
     apart: float = 1e-3,
+    exchange: bool = True,
     seed: int = 0,
 ) -> NextPostures:
     """Postures whose images would tell most of the Jacobian at the probes, best first.
@@ -124,6 +114,9 @@ def next_postures(
             determinant of the information); ``"random"``: candidates in random order, to compare with.
         metric: (p, p) motion metric of the error, or ``"identity"``.
         apart: Least distance of any two chosen postures in their farthest joint [rad or m]; the encoders' noise.
+        exchange: Whether postures that were chosen one by one are exchanged as long as that lowers the error left
+            after all of them. False: the first few are the best few as well, as in the order in which the poses of a
+            recording would have been chosen.
         seed: Of candidates that are drawn, and of random order.
 
     Raises:
@@ -145,7 +138,8 @@ def next_postures(
     at_probes = _probe_postures(estimate, probes, seen)
     A = design.importance(at_probes, _metric(metric, estimate.p))
     order = np.random.default_rng(seed).permutation(visible) if aim == "random" else visible
-    best, errors = design.choose(q[order], A, number, aim, _checks.number("apart", apart, least=0.0))
+    far = _checks.number("apart", apart, least=0.0)
+    best, errors = design.choose(q[order], A, number, aim, far, _checks.flag("exchange", exchange))
     chosen = order[best]
     return NextPostures(q[chosen], chosen, errors, estimate.joints)
 

@@ -60,6 +60,15 @@ class Design:
     def of(
         cls, body: Embodiment, known: Calibrated | None, prior: Prior, noise: float, free: Sequence[Group] | None
     ) -> Design:
+        """A body about its present measures.
+
+        Args:
+            body: As it is thought to be.
+            known: What was calibrated of it; None: nothing.
+            prior: How far each measure may be off.
+            noise: Standard deviation of images [their unit].
+            free: Groups of measures that may be off; None: those that were calibrated, else :data:`FREE`.
+        """
         camera = Mount("camera", "camera", body.camera.link, body.camera.link_T_camera.numpy())
         hand = Mount("hand", "hand", body.hand.link, np.eye(4))
         intrinsics = Intrinsics.of("camera", body.camera.model)
@@ -114,6 +123,7 @@ class Design:
         count: int,
         aim: Aim,
         apart: float,
+        exchange: bool,
     ) -> tuple[Int[np.ndarray, "count"], Float[np.ndarray, "after"]]:
         """Which candidates to take, those that tell most first; and the predicted error before and after each.
 
@@ -126,13 +136,14 @@ class Design:
             count: How many to take.
             aim: What they are to tell.
             apart: Least distance of any two in their farthest joint [rad or m].
+            exchange: Whether they are exchanged.
 
         Raises:
             InvalidConfig: Too few candidates that are so far apart.
         """
         D = self.slopes(q)
         chosen = self._one_by_one(q, D, A, count, aim, apart)
-        if aim != "random" and 1 < count < len(q):
+        if exchange and aim != "random" and 1 < count < len(q):
             chosen = self._exchanged(chosen, q, D, A, aim, apart)
             chosen = chosen[self._one_by_one(q[chosen], D[chosen], A, count, aim, apart)]
         precision, errors = self.precision, [self._predicted(self.precision, A)]

@@ -124,11 +124,15 @@ def compared(
         errors["aimed 10, refitted"].append(error(true, found.body, q))
         print(arm, {name: round(values[-1], 4) for name, values in errors.items()}, flush=True)
     predicted = {f"aimed {n}": float(chosen[n].predicted_error[-1]) for n in counts}
+    predicted["one by one 10"] = float(
+        bk.next_postures(body, None, probe, 10, noise=noise, exchange=False).predicted_error[-1]
+    )
     ratios = {}
     for n in counts:
         ratio = statistics.compare({"circle": errors[f"circle {n}"], "aimed": errors[f"aimed {n}"]}, "circle")["aimed"]
         ratios[str(n)] = [ratio.ratio.estimate, ratio.ratio.lower, ratio.ratio.upper]
-    return {"errors": errors, "predicted": predicted, "ratios": ratios}
+    medians = {name: float(np.median(values)) for name, values in errors.items()}
+    return {"medians": medians, "predicted": predicted, "ratios": ratios, "errors": errors}
 
 
 def main() -> None:
