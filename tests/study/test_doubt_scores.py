@@ -10,10 +10,11 @@ import pytest
 import bodyimage_kin as bk
 from bodyimage_kin import metrics, report
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
-from bodyimage_kin.study import Simulation, Study
+from bodyimage_kin.study import Simulation, Study, blocks, recording_of
 from bodyimage_kin.study.doubt import DOUBT
 
 ON_MAP = [one.name for one in DOUBT if one.name.startswith("map_")]
+DRAWS = 12
 AT_PROBES = [one.name for one in DOUBT if one.name not in ON_MAP]
 
 
@@ -52,8 +53,8 @@ def test_the_interval_of_a_coverage_holds_it(scored):
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory):
-    """A study of who doubts and who does not; few functions are drawn, for the sake of time."""
+def run(tmp_path_factory):
+    """A study of who doubts and who does not, and its store; few functions are drawn, for the sake of time."""
     study = Study(
         embodiments={"infant": "infant"},
         recordings={
@@ -64,9 +65,15 @@ def done(tmp_path_factory):
         probes=["on_face"],
         scores=["relative_error_use", *AT_PROBES, *ON_MAP],
     )
+    store = tmp_path_factory.mktemp("doubt") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bodyimage_kin.study.doubt._DRAWS", 12)
-        return study.run(tmp_path_factory.mktemp("doubt") / "run", "in-process")
+        patch.setattr("bodyimage_kin.study.doubt._DRAWS", DRAWS)
+        return study.run(store, "in-process"), store
+
+
+@pytest.fixture(scope="module")
+def done(run):
+    return run[0]
 
 
 def test_who_has_no_doubt_has_no_scores_of_it(done):
@@ -77,12 +84,31 @@ def test_who_has_no_doubt_has_no_scores_of_it(done):
     assert "what is learned gives no covariance" in json.loads(done.attrs["left_out"])["crps"]
 
 
-def test_a_map_is_held_against_that_of_the_true_jacobian(done):
-    """A constant Jacobian is wrong on the map by far more than it foretells, and no taxel is where it thinks."""
-    here = done.sel(estimator="doubting").squeeze()
-    assert float(here["map_error_made"]) > 3 * float(here["map_error_foretold"]) > 0
-    assert float(here["map_coverage_90"]) < 0.5
-    assert done["map_error_made"].attrs["units"] == "m"
+def test_doubt_about_the_map_is_that_of_the_public_functions(run, body):
+    """Functions are drawn, integrated and mapped, and held against the true Jacobian's map, integrated alike."""
+    done, store = run
+    training, touch = (bk.experience(recording_of(store, "still", 0, role)) for role in ("training", "use"))
+    som_seed, first = blocks.stream(0, "infant/still/0/first maps", 2)
+    q, seen = touch["q"].values[0][touch["touched"].values[0, :, 0] >= 0], training["hand_image"].values.reshape(-1, 2)
+    settings = {
+        "posture_som": bk.body_image.PostureSOM.fit(q, (8, 8), som_seed),
+        "image_range": np.stack([seen.min(0), seen.max(0)], axis=1),
+        "seed": first,
+    }
+    (fit_seed,) = blocks.stream(0, "infant/still/0/doubting", 1)
+    drawn = bk.estimators.Ridge().fit(training, fit_seed).draws(DRAWS, fit_seed)
+    maps = bk.BodyImageDraws.learn(touch, bk.integrate_draws(touch, drawn), **settings)
+    truth = bk.integrate(touch, bk.estimators.Analytic(body).fit(training))
+    true = bk.BodyImage.learn(touch, truth, **settings).tactile_map
+    of = metrics.uncertainty_scores(true.reshape(-1, 2), maps.mean.reshape(-1, 2), maps.covariance.reshape(-1, 2, 2))
+    found = done.sel(estimator="doubting").squeeze()
+    for name, wanted in {"error_made": "error", "error_foretold": "sharpness", "crps": "crps"}.items():
+        assert float(found[f"map_{name}"]) == pytest.approx(of[wanted], rel=1e-9), name
+    for level in (50, 90, 95):
+        assert float(found[f"map_coverage_{level}"]) == of[f"coverage_{level}"]
+    assert found["map_error_made"].attrs["units"] == "m"
+    # A constant Jacobian is wrong by far more than it foretells.
+    assert of["error"] > 3 * of["sharpness"] > 0
 
 
 def test_a_page_shows_them(done, tmp_path):
