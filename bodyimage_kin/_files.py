@@ -30,6 +30,11 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def write_json(path: Path, value: Any, indent: int = 1) -> None:
+    """Writes what JSON can say, atomically; a number that is not finite is refused."""
+    write_text(path, json.dumps(value, indent=indent, allow_nan=False) + "\n")
+
+
 def write_bytes(path: Path, data: bytes) -> None:
     """Writes a file atomically, and has it on the disk before it has its name."""
     with atomic_path(path) as temporary, temporary.open("wb") as file:

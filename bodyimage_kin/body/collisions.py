@@ -14,9 +14,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from bodyimage_kin.backends import RobotKinematics, kinematics
-from bodyimage_kin.errors import BodyImageKinError
+from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.robot import Robot
-from bodyimage_kin.robot.meshes import triangulate
+from bodyimage_kin.robot.shapes import corners, link_parts
 from bodyimage_kin.robot.transforms import Matrix4
 from bodyimage_kin.robot.tree import Joint
 
@@ -30,7 +30,7 @@ _DIRECTIONS = np.random.default_rng(0).normal(size=(_OUTERMOST, 3))
 def vertices_of(
     robot: Robot, link: str, mesh_folder: Path | None = None, problems: list[str] | None = None
 ) -> list[Float[np.ndarray, "vertices 3"]]:
-    """The corners of each shape of a link, in the link [m]: of its collisions, or else of what is seen of it.
+    """The corners of each shape that stands for a link (:func:`bodyimage_kin.robot.shapes.link_parts`), in it [m].
 
     Args:
         robot: The robot.
@@ -41,18 +41,13 @@ def vertices_of(
     Returns:
         One array a shape; shapes that cannot be read, and meshes that are not there, are left out.
     """
-    geometry = robot.geometry[robot.check_link(link)]
     found = []
-    for element in geometry.collisions or geometry.visuals:
+    for element in link_parts(robot, link, mesh_folder).elements:
         try:
-            corners = np.asarray(
-                triangulate(element.shape, link, robot.file, mesh_folder or robot.mesh_folder).vertices
-            )
-        except BodyImageKinError as problem:
+            found.append(corners(element, robot, link, mesh_folder))
+        except InvalidGeometry as problem:
             if problems is not None:
                 problems.append(str(problem))
-            continue
-        found.append(corners @ element.origin[:3, :3].T + element.origin[:3, 3])
     return found
 
 
@@ -82,11 +77,20 @@ class Hulls:
         poses = self._poses(q[None])
         return tuple(pair for pair in self._pairs if self._overlap(pair, poses, 0))
 
+    def beyond(self, link: str) -> set[str]:
+        """The links that move with a link whatever the robot does, and all that hang on these."""
+        first = self._bodies[self.robot.check_link(link)][0]
+        return {
+            one
+            for one in self.robot.link_names
+            if first == self.robot.root or first in {joint.child for joint in self.robot.path(one)}
+        }
+
     @cached_property
     def shapes(self) -> Mapping[str, tuple[Any, ...]]:
         """Hulls by link, of the links that have any."""
         hulls = {
-            link: tuple(_hull(corners) for corners in vertices_of(self.robot, link, self.mesh_folder))
+            link: tuple(_hull(part) for part in vertices_of(self.robot, link, self.mesh_folder))
             for link in self.robot.link_names
         }
         return {link: parts for link, parts in hulls.items() if parts}
@@ -101,7 +105,7 @@ class Hulls:
     @cached_property
     def _pairs(self) -> list[tuple[str, str]]:
         """Pairs that the joints move against each other, and that some postures part."""
-        body = self._welded()
+        body = self._bodies
         moved = {
             link: {name for joint in self.robot.path(link) if (name := self._source(joint)) in self.joints}
             for link in self.shapes
@@ -119,7 +123,8 @@ class Hulls:
     def _source(self, joint: Joint) -> str:
         return "" if joint.kind == "fixed" else self.robot.source_of(joint.name)[0]
 
-    def _welded(self) -> dict[str, tuple[str, str]]:
+    @cached_property
+    def _bodies(self) -> dict[str, tuple[str, str]]:
         """For each link the first link of the rigid body it belongs to, and that of the body it hangs on."""
         found = {}
         for link in self.robot.link_names:

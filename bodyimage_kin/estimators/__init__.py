@@ -22,6 +22,7 @@ from bodyimage_kin.estimators.gaussian_process import GaussianProcess, RadialDra
 from bodyimage_kin.estimators.given import Given, GivenImage, GivenJacobian, Saved
 from bodyimage_kin.estimators.kernel_ridge import KernelDraw, KernelImage, KernelProcess, KernelRidge
 from bodyimage_kin.estimators.least_squares import ConstantJacobian, LeastSquares
+from bodyimage_kin.estimators.misinformed import Misinformed
 from bodyimage_kin.estimators.neighbours import LocallyWeighted, NearestNeighbours, NeighbourJacobian, WeightedJacobian
 from bodyimage_kin.estimators.networks import (
     ForwardNetwork,
@@ -77,6 +78,7 @@ __all__ = [
     "LearnedJacobian",
     "LeastSquares",
     "LocallyWeighted",
+    "Misinformed",
     "NearestNeighbours",
     "NeighbourJacobian",
     "NetworkImage",
@@ -131,6 +133,7 @@ _SPECS: tuple[type[Estimator], ...] = (
     Ensemble,
     Conformal,
     SelfCalibration,
+    Misinformed,
     Analytic,
     Nominal,
     Given,

@@ -157,7 +157,8 @@ class SelfCalibration(Estimator):
 
     Prior knowledge: the body as it is thought to be, and how far its measures may be off. What images do not tell stays
     as it was thought to be, so that an arm that was seen in few postures is never known worse than before
-    (:func:`bodyimage_kin.calibrate` says how sure it is, and takes other evidence as well).
+    (:func:`bodyimage_kin.calibrate` says how sure it is, and takes other evidence as well). In a simulation the body at
+    hand is the one that is to be found: there, wrap it in :class:`~bodyimage_kin.estimators.Misinformed`.
 
     With ``starts``, the geometry is forgotten: only the structure is known (which joints stand between camera and hand,
     in which order, whether they turn or slide, and the screen's distance), and free descents begin at the body's own

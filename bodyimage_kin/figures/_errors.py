@@ -65,6 +65,10 @@ def errors(
     inside = np.clip(one["median"].values[np.isfinite(one["median"].values)], _LEAST, _MOST)
     low, high = (float(inside.min()), float(inside.max())) if inside.size else (1.0, 1.0)
     with drawing_on(ax, height=0.9 + 0.16 * len(heights)) as axes:
+        if any(other.has_data() for other in axes.get_shared_x_axes().get_siblings(axes) if other is not axes):
+            # Panels that share an axis show all of each other's.
+            least, most = axes.get_xlim()
+            low, high = min(low, 1.4 * least), max(high, most / 1.4)
         beyond = False
         for probe, (colour, marker) in zip(probes, _PROBES, strict=False):
             median, lower, upper = (one[name].sel(probe=probe).values for name in ("median", "lower", "upper"))
@@ -79,7 +83,8 @@ def errors(
         axes.axvline(1.0, **DASHED)
         decades(axes, "x", [low, high, 1.0])
         names = [drawn(str(name)) for name in one["estimator"].values]
-        axes.set(xlim=(low / 1.4, max(high, 1.0) * 1.4), ylim=(-0.6, len(heights) - 0.4), xlabel=xlabel)
+        top = len(heights) + (0.4 if beyond else -0.4)
+        axes.set(xlim=(low / 1.4, max(high, 1.0) * 1.4), ylim=(-0.6, top), xlabel=xlabel)
         axes.set_yticks(heights, names)
         axes.grid(axis="x", color="0.92", linewidth=0.6)
         if beyond:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal
@@ -141,7 +142,10 @@ def _fill(figure: Figure, axes: Sequence[Axes]) -> None:
         return
     grid.set_width_ratios(ratios)
     for _ in range(3):
-        engine.execute(figure)
+        with warnings.catch_warnings():
+            # A height on the way may leave no room for panels; the one it ends with does.
+            warnings.filterwarnings("ignore", "constrained_layout not applied")
+            engine.execute(figure)
         width, height = figure.get_size_inches()
         boxes = [one.get_position(original=True) for one in axes]
         wanted = max(box.width * width / ratio for box, ratio in zip(boxes, ratios, strict=True))

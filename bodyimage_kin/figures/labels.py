@@ -28,6 +28,7 @@ LABELS: Mapping[str, str] = {
     "rational_polynomial": "rational polynomial",
     "kernel_ridge": "kernel ridge",
     "nominal": "nominal body",
+    "misinformed": "misinformed of its body",
     "rational_trig": "rational trigonometric",
     "gaussian_process": "Gaussian process",
     "recursive_least_squares": "recursive least squares",

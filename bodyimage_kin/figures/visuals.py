@@ -16,6 +16,7 @@ from bodyimage_kin.errors import UnknownName
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.geometry import Capsule, Cylinder, Shape, Sphere, Visual
 from bodyimage_kin.robot.meshes import triangulate
+from bodyimage_kin.robot.upright import is_turned
 
 __all__ = ["PLAIN", "Surface", "link_poses", "link_surfaces", "sticks", "triangles"]
 
@@ -96,11 +97,11 @@ def link_surfaces(
     visuals = {name: robot.geometry[name].visuals for name in robot.link_names}
     if not any(visuals.values()):
         visuals = sticks(robot)
-    found = {}
+    found, turn = {}, is_turned(robot, folder)
     for index, name in enumerate(robot.link_names):
         parts = []
         for visual in visuals[name] if name in wanted else ():
-            mesh = triangulate(visual.shape, name, robot.file, folder)
+            mesh = triangulate(visual.shape, name, robot.file, folder, turn)
             rotation, position = visual.origin[:3, :3], visual.origin[:3, 3]
             parts.append(
                 Surface(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,16 +11,16 @@ import numpy as np
 import xarray as xr
 
 from bodyimage_kin import figures
-from bodyimage_kin._files import write_text
+from bodyimage_kin._files import write_json, write_text
 from bodyimage_kin.errors import InvalidConfig, OutputRefused, UnknownName
 from bodyimage_kin.report._latex import latex_table
 from bodyimage_kin.report._page import labels_of
-from bodyimage_kin.report._results import HEADLINE, learned, names_of, probe_of_use, ranking
+from bodyimage_kin.report._results import HEADLINE, asked, learned, names_of, probe_of_use, ranking
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.results import MISSING
 from bodyimage_kin.study.scores import PARTS
 from bodyimage_kin.study.statistics import PUBLISHED
-from bodyimage_kin.study.summary import markdown_table, plain_markdown
+from bodyimage_kin.study.summary import markdown_table, plain_markdown, plain_numbers
 
 _OTHERS = (
     "relative_error", "scale_free_error", "displacement_error", "trajectory_rmse", "touch_trajectory_rmse", "map_error",
@@ -55,7 +54,7 @@ def write(results: xr.Dataset, folder: Path, baseline: str | None, labels: Mappi
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as problem:
             raise OutputRefused(f"cannot write to '{folder}': {problem.strerror}; name another folder") from None
-        write_text(folder / "results.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
+        write_json(folder / "results.json", numbers)
         write_text(folder / "table.md", _table(numbers))
         write_text(folder / "table.tex", _latex(numbers))
         with figures.style():
@@ -83,16 +82,18 @@ def _numbers(results: xr.Dataset, medians: Mapping[str, xr.Dataset], baseline: s
             rows = {}
             for estimator in results["estimator"].values:
                 at = {"embodiment": embodiment, "recording": recording, "estimator": estimator}
+                if not asked(results.sel(at), medians):
+                    continue
                 row: dict[str, Any] = {score: _spread(one.sel(at)) for score, one in medians.items()}
                 if parts is not None:
                     there = parts.sel(at)
                     row["attribution"] = {
-                        str(probe): {part: _digits(there.sel(probe=probe, part=part)) for part in PARTS}
+                        str(probe): {part: plain_numbers(float(there.sel(probe=probe, part=part)), 4) for part in PARTS}
                         for probe in there["probe"].values
                     }
                 if ratios is not None and str(estimator) in ratios["estimator"].values:
                     ratio = ratios.sel(recording=recording, estimator=estimator)
-                    row["ratio"] = {str(key): _digits(ratio[key]) for key in ratio.data_vars}
+                    row["ratio"] = {str(key): plain_numbers(float(ratio[key]), 4) for key in ratio.data_vars}
                     found["family"] = ratios.attrs["family"]
                 rows[str(estimator)] = row
             found["scores"][_place(results, str(embodiment), str(recording))] = rows
@@ -115,12 +116,7 @@ def _spread(one: xr.Dataset) -> Any:
     """Median, interval and quantiles; by probe, where there are probes."""
     if "probe" in one.dims:
         return {str(probe): _spread(one.sel(probe=probe)) for probe in one["probe"].values}
-    return {str(name): _digits(value) for name, value in one.data_vars.items()}
-
-
-def _digits(value: Any) -> float | None:
-    number = float(value)
-    return float(f"{number:.4g}") if math.isfinite(number) else None
+    return {str(name): plain_numbers(float(value), 4) for name, value in one.data_vars.items()}
 
 
 def _table(numbers: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import TypeAlias
 
 import numpy as np
@@ -62,6 +63,11 @@ def intervals_of(medians: xr.Dataset) -> list[Interval]:
     return [(float(a), float(b), float(c)) for a, b, c in stacked]
 
 
+def asked(row: xr.Dataset, scores: Iterable[str]) -> bool:
+    """Whether a row of a study was asked on this recording: it failed somewhere, or has some of these scores."""
+    return bool((row["failure"] != "").any()) or any(bool(row[score].notnull().any()) for score in scores)
+
+
 def ranking(results: xr.Dataset, medians: xr.Dataset, columns: int) -> Figure:
     """Estimators ranked by their error where they are used, a panel for each embodiment and recording of ``medians``.
 
@@ -75,9 +81,14 @@ def ranking(results: xr.Dataset, medians: xr.Dataset, columns: int) -> Figure:
     rows = math.ceil(len(places) / columns)
     height = 0.5 + rows * (0.6 + 0.16 * medians.sizes["estimator"])
     figure, grid = figures.panels(rows, columns, height=height, sharex=True)
+    xlabel = "relative error of the Jacobian" if columns < 3 else "relative error"
     for axes, (embodiment, recording) in zip(grid.flat, places, strict=False):
-        one = medians.sel(embodiment=embodiment, recording=recording)
-        figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel="relative error of the Jacobian")
+        at = {"embodiment": embodiment, "recording": recording}
+        there = [
+            name for name in names_of(medians, "estimator") if asked(results.sel(at | {"estimator": name}), [HEADLINE])
+        ]
+        one = medians.sel(at | {"estimator": there})
+        figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel=xlabel)
         axes.set_title(figures.drawn(place_of(results, embodiment, recording)))
         axes.tick_params(labelbottom=True)
     for axes in grid.flat[len(places) :]:

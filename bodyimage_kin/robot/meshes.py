@@ -14,7 +14,7 @@ import sysconfig
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,16 +24,45 @@ from bodyimage_kin.robot.geometry import Box, Capsule, Cylinder, Mesh, Shape, Sp
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MESH_SUFFIXES", "load_mesh", "mesh_path", "package_file", "triangulate"]
+__all__ = [
+    "MESH_SUFFIXES",
+    "TURN",
+    "Loaded",
+    "load_mesh",
+    "mesh_path",
+    "names_y_up",
+    "package_file",
+    "triangulate",
+]
 
 MESH_SUFFIXES = frozenset({".stl", ".obj", ".dae", ".ply", ".off", ".glb"})
 """The mesh files that are read."""
 _PACKAGE = re.compile(r"package:/{2,3}([^/]+)/(.+)")
 _SECTIONS = 64
 """Facets around a cylinder."""
+_LARGEST = 5.0
+"""A mesh larger than this [m] is taken to be in millimetres."""
+TURN = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""From coordinates in which y is up to those in which z is."""
+_HEAD = 16384
+"""So many bytes of a COLLADA file hold what it says of itself."""
 
 
-def triangulate(shape: Shape, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> trimesh.Trimesh:
+class Loaded(NamedTuple):
+    """A mesh file, read.
+
+    Attributes:
+        mesh: Its triangles, scaled [m].
+        notes: What was mended.
+    """
+
+    mesh: trimesh.Trimesh
+    notes: tuple[str, ...]
+
+
+def triangulate(
+    shape: Shape, link: str, file: Path | None = None, mesh_folder: Path | None = None, turned: bool = False
+) -> trimesh.Trimesh:
     """A shape as a mesh, about its own origin [m].
 
     Args:
@@ -42,6 +71,7 @@ def triangulate(shape: Shape, link: str, file: Path | None = None, mesh_folder: 
         file: The URDF's own; meshes may be read from its folder.
         mesh_folder: Where meshes may be read instead, subfolders included. Meshes of packages are looked for in
             ``ROS_PACKAGE_PATH``, ``AMENT_PREFIX_PATH`` and the shared files of installed wheels too.
+        turned: Whether COLLADA files with y up are turned (:func:`bodyimage_kin.robot.upright.is_turned`).
 
     Raises:
         InvalidGeometry: A mesh that is missing, outside its folder, or cannot be read.
@@ -60,11 +90,24 @@ def triangulate(shape: Shape, link: str, file: Path | None = None, mesh_folder: 
             capsule = trimesh.creation.capsule(height=length, radius=radius, count=[_SECTIONS // 2, _SECTIONS])
             # One end of its cylinder stands at the origin.
             return capsule.apply_translation([0.0, 0.0, -capsule.bounds.mean(0)[2]])
-    return load_mesh(shape, link, file, mesh_folder)
+    return load_mesh(shape, link, file, mesh_folder, turned).mesh
 
 
-def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path | None = None) -> trimesh.Trimesh:
-    """The triangles of a mesh file, scaled [m]; see :func:`triangulate`."""
+def load_mesh(
+    mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path | None = None, turned: bool = False
+) -> Loaded:
+    """The triangles of a mesh file, and what was mended: one larger than 5 m is taken to be in millimetres.
+
+    Args:
+        mesh: Its name and scale.
+        link: Whose it is, for errors.
+        file: As of :func:`triangulate`.
+        mesh_folder: As of :func:`triangulate`.
+        turned: As of :func:`triangulate`.
+
+    Raises:
+        InvalidGeometry: As of :func:`triangulate`.
+    """
     import trimesh
 
     path = mesh_path(mesh, link, file, mesh_folder)
@@ -79,8 +122,30 @@ def load_mesh(mesh: Mesh, link: str, file: Path | None = None, mesh_folder: Path
             raise ValueError("it has no triangles")
     except Exception as problem:
         raise InvalidGeometry(f"link {link!r}: mesh {path} cannot be read: {problem}; mend the file") from problem
+    notes: list[str] = []
+    if turned and names_y_up(path):
+        loaded.apply_transform(TURN)
+        notes.append(
+            f"mesh {mesh.filename} of link '{link}' has y up and is turned, as the centres of mass of its robot say"
+        )
     loaded.apply_transform(np.diag([*mesh.scale, 1.0]))
-    return loaded
+    largest = float(loaded.extents.max())
+    if largest > _LARGEST:
+        loaded.apply_transform(np.diag([1e-3, 1e-3, 1e-3, 1.0]))
+        scale = " ".join(f"{1e-3 * factor:g}" for factor in mesh.scale)
+        notes.append(
+            f"mesh {mesh.filename} of link '{link}' is {largest:.3g} m large: taken to be in millimetres; give it "
+            f'scale="{scale}"'
+        )
+    return Loaded(loaded, tuple(notes))
+
+
+def names_y_up(path: Path) -> bool:
+    """Whether a file is of COLLADA and says that its y points up."""
+    if path.suffix.lower() != ".dae":
+        return False
+    with path.open("rb") as file:
+        return b"Y_UP" in file.read(_HEAD)
 
 
 def package_file(name: str) -> Path:

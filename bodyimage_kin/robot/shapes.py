@@ -6,7 +6,8 @@ themselves has neither fault.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
@@ -18,15 +19,28 @@ from bodyimage_kin._shown import Shown
 from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.geometry import Box, Capsule, Collision, Cylinder, Mesh, Sphere, Visual
-from bodyimage_kin.robot.meshes import load_mesh
+from bodyimage_kin.robot.meshes import Loaded, load_mesh, triangulate
 from bodyimage_kin.robot.transforms import Matrix4
 from bodyimage_kin.robot.triangles import Triangles
+from bodyimage_kin.robot.upright import is_turned
 
-__all__ = ["Found", "Points", "Shape", "Surface", "blocked", "cast", "link_surface", "place_shape"]
+__all__ = [
+    "Found",
+    "Parts",
+    "Points",
+    "Shape",
+    "Surface",
+    "blocked",
+    "cast",
+    "corners",
+    "link_parts",
+    "link_surface",
+    "place_shape",
+]
 
 Points = Float[np.ndarray, "count 3"]
-_LARGEST = 5.0
-"""A mesh larger than this [m] is taken to be in millimetres."""
+_ASIDE = 0.3
+"""Collisions placed farther than this [m] from all that is seen of their link are looked at more closely."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +117,89 @@ class Found(NamedTuple):
     notes: tuple[str, ...]
 
 
+class Parts(NamedTuple):
+    """The shapes that stand for a link.
+
+    Attributes:
+        elements: Its collisions, or what is seen of it.
+        notes: Why these, where they are not its collisions.
+    """
+
+    elements: tuple[Collision | Visual, ...]
+    notes: tuple[str, ...]
+
+
+def link_parts(robot: Robot, link: str, mesh_folder: Path | None = None) -> Parts:
+    """The shapes that stand for a link: its collisions, or else what is seen of it.
+
+    What is seen stands for the link also where its collisions lie far beside it, for then their place is a slip of the
+    file.
+
+    Args:
+        robot: The robot.
+        link: Its link.
+        mesh_folder: As of :func:`bodyimage_kin.robot.meshes.triangulate`.
+
+    Raises:
+        UnknownName: No such link.
+    """
+    geometry = robot.geometry[robot.check_link(link)]
+    if not geometry.collisions:
+        return Parts(
+            geometry.visuals,
+            (f"link '{link}' has no collision shape: what is seen of it stands for it",) if geometry.visuals else (),
+        )
+    gap = _gap(robot, link, mesh_folder)
+    if gap == 0.0:
+        return Parts(geometry.collisions, ())
+    return Parts(
+        geometry.visuals,
+        (
+            f"the collisions of link '{link}' lie {gap:.2f} m beside what is seen of it, which stands for it; mend "
+            "<origin> of <collision> (are xyz and rpy exchanged?)",
+        ),
+    )
+
+
+def corners(
+    element: Collision | Visual, robot: Robot, link: str, mesh_folder: Path | None = None
+) -> Float[np.ndarray, "vertices 3"]:
+    """The vertices of a shape of a link, round ones as facets, in the link [m].
+
+    Args:
+        element: The shape and its place.
+        robot: The robot.
+        link: Whose it is.
+        mesh_folder: As of :func:`bodyimage_kin.robot.meshes.triangulate`.
+
+    Raises:
+        InvalidGeometry: A mesh that is missing or cannot be read.
+    """
+    folder = mesh_folder or robot.mesh_folder
+    mesh = triangulate(element.shape, link, robot.file, folder, is_turned(robot, mesh_folder))
+    return np.asarray(mesh.vertices @ element.origin[:3, :3].T + element.origin[:3, 3])
+
+
+def _gap(robot: Robot, link: str, mesh_folder: Path | None) -> float:
+    """How far a link's collisions lie beside what is seen of it, where that is more than it is large; else 0 [m]."""
+    geometry = robot.geometry[link]
+    pairs = itertools.product(geometry.collisions, geometry.visuals)
+    if min((math.dist(one.xyz, other.xyz) for one, other in pairs), default=0.0) <= _ASIDE:
+        return 0.0
+    try:
+        solid, seen = (
+            np.concatenate([corners(one, robot, link, mesh_folder) for one in elements])
+            for elements in (geometry.collisions, geometry.visuals)
+        )
+    except InvalidGeometry:
+        return 0.0
+    between = np.maximum(solid.min(0) - seen.max(0), seen.min(0) - solid.max(0)).clip(0.0)
+    gap = float(np.linalg.norm(between))
+    return gap if gap > float(np.linalg.norm(np.ptp(seen, axis=0))) else 0.0
+
+
 def link_surface(robot: Robot, link: str, mesh_folder: Path | None = None) -> Found:
-    """What a link is touched on, as the robot's source describes it: its collisions, or else what is seen of it.
+    """What a link is touched on: the surface of its parts.
 
     Args:
         robot: The robot.
@@ -115,29 +210,29 @@ def link_surface(robot: Robot, link: str, mesh_folder: Path | None = None) -> Fo
         UnknownName: No such link.
         InvalidGeometry: The link has no shape, one that cannot be read, or a mesh that is missing.
     """
-    geometry = robot.geometry[robot.check_link(link)]
-    part: Literal["collision", "visual"] = "collision"
-    geometry.check(part)
-    elements: Sequence[Collision | Visual] = geometry.collisions
-    notes: list[str] = []
-    if not elements:
-        part = "visual"
-        geometry.check(part)
-        elements = geometry.visuals
-        notes.append(f"link '{link}' has no collision shape: the skin lies on what is seen of it")
+    elements, notes = link_parts(robot, link, mesh_folder)
+    geometry = robot.geometry[link]
+    geometry.check("collision")
+    if not geometry.collisions:
+        geometry.check("visual")
     if not elements:
         raise InvalidGeometry(
             f"link '{link}' has no shape that a skin can lie on; state one (a sphere, box or cylinder), or name another"
             " link"
         )
-    parts = [place_shape(element, link, robot.file, mesh_folder or robot.mesh_folder) for element in elements]
+    folder, turn = mesh_folder or robot.mesh_folder, is_turned(robot, mesh_folder)
+    parts = [place_shape(element, link, robot.file, folder, turn) for element in elements]
     return Found(
         tuple(shape for one in parts for shape in one.surface), (*notes, *(note for one in parts for note in one.notes))
     )
 
 
 def place_shape(
-    element: Collision | Visual, link: str, file: Path | None = None, mesh_folder: Path | None = None
+    element: Collision | Visual,
+    link: str,
+    file: Path | None = None,
+    mesh_folder: Path | None = None,
+    turned: bool = False,
 ) -> Found:
     """A shape of a link as rays meet it.
 
@@ -146,6 +241,7 @@ def place_shape(
         link: Whose it is, for errors.
         file: The URDF's own, beside which meshes lie.
         mesh_folder: As of :func:`bodyimage_kin.robot.meshes.triangulate`.
+        turned: As of :func:`bodyimage_kin.robot.meshes.triangulate`.
 
     Raises:
         InvalidGeometry: A mesh that is missing or cannot be read.
@@ -160,26 +256,18 @@ def place_shape(
         case Capsule(radius, length):
             shape = Shape("capsule", (radius, length / 2), element.origin)
         case Mesh():
-            return _mesh(element.shape, element.origin, link, file, mesh_folder)
+            return _mesh(load_mesh(element.shape, link, file, mesh_folder, turned), element.shape, element.origin, link)
     return Found((shape,), ())
 
 
-def _mesh(mesh: Mesh, origin: Matrix4, link: str, file: Path | None, mesh_folder: Path | None) -> Found:
-    loaded, notes = load_mesh(mesh, link, file, mesh_folder), list[str]()
-    largest = float(loaded.extents.max())
-    if largest > _LARGEST:
-        loaded.apply_transform(np.diag([1e-3, 1e-3, 1e-3, 1.0]))
-        notes.append(
-            f"mesh {mesh.filename} of link '{link}' is {largest:.3g} m large: taken to be in millimetres; give it "
-            'scale="0.001 0.001 0.001"'
-        )
-    surface = Triangles.of(loaded, origin)
+def _mesh(loaded: Loaded, mesh: Mesh, origin: Matrix4, link: str) -> Found:
+    surface, notes = Triangles.of(loaded.mesh, origin), loaded.notes
     if surface.border:
-        notes.append(
+        notes += (
             f"mesh {mesh.filename} of link '{link}' is open ({surface.border} edges at its border): rays from outside "
-            "meet it all the same, nothing is inside of it"
+            "meet it all the same, nothing is inside of it",
         )
-    return Found((surface,), tuple(notes))
+    return Found((surface,), notes)
 
 
 def cast(shapes: Surface, origins: Points, directions: Points) -> tuple[Points, Points]:

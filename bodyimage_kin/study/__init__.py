@@ -9,7 +9,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bodyimage_kin.study.context import Context, Fact, LeftOut, Score, WrongResult
+    from bodyimage_kin.study.answers import WrongResult
+    from bodyimage_kin.study.context import Context, Fact, LeftOut, Score
     from bodyimage_kin.study.facts import FACTS
     from bodyimage_kin.study.grid import Row, Simulation
     from bodyimage_kin.study.held_out import held_out_scores, noise_of
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
     from bodyimage_kin.study.scores import SCORES
     from bodyimage_kin.study.scoring import PROBES, score
     from bodyimage_kin.study.study import Study
-    from bodyimage_kin.study.summary import chain, compare, failures, markdown_table, summarise
+    from bodyimage_kin.study.summary import chain, compare, failures, markdown_table, plain_numbers, summarise
 
 _MODULES = {
-    "context": ("Context", "Fact", "LeftOut", "Score", "WrongResult"),
+    "answers": ("WrongResult",),
+    "context": ("Context", "Fact", "LeftOut", "Score"),
     "facts": ("FACTS",),
     "grid": ("Row", "Simulation"),
     "held_out": ("held_out_scores", "noise_of"),
@@ -28,7 +30,7 @@ _MODULES = {
     "scores": ("SCORES",),
     "scoring": ("PROBES", "score"),
     "study": ("Study",),
-    "summary": ("chain", "compare", "failures", "markdown_table", "summarise"),
+    "summary": ("chain", "compare", "failures", "markdown_table", "plain_numbers", "summarise"),
 }
 
 __all__ = [
@@ -49,6 +51,7 @@ __all__ = [
     "held_out_scores",
     "markdown_table",
     "noise_of",
+    "plain_numbers",
     "read_study",
     "recording_of",
     "score",

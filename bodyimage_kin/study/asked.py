@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,8 +21,7 @@ from bodyimage_kin.body_image import BodyImage
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.recordings import Drag, Noise, motions, read_recording
 from bodyimage_kin.study import specs
-from bodyimage_kin.study.cells import row_of
-from bodyimage_kin.study.grid import Row, Simulation
+from bodyimage_kin.study.grid import Row, Simulation, row_of
 from bodyimage_kin.study.scoring import PROBES, built_probe, probe_name, resolve, written_score
 from bodyimage_kin.study.specs import ESTIMATOR, MOTION, PROBE, Table
 from bodyimage_kin.study.store import body_files, fingerprint
@@ -34,6 +34,8 @@ __all__ = [
     "named",
     "named_bodies",
     "probe_key",
+    "refuse_deep",
+    "refuse_infinite",
     "row_name",
     "seeds_of",
 ]
@@ -43,6 +45,8 @@ _TOUCH_DURATION = 80.0
 _SHARED = ("speed", "sampling", "rest_spread", "rest_pull")
 """Settings that touch and tour take over from the motion learned from, where a study says nothing of them."""
 _MOST_SEEDS = 10**6
+_DEEPEST = 20
+"""Tables within tables: no spec of ours comes near it."""
 _A_BODY = "a name, the path of a TOML file, or {embodiment, backend, mesh_folder}"
 _GIVEN_BY_US = ("exp", "hand", "trial", "skin", "seed", "image_range", "posture_som", "initial_map")
 """Parameters of :meth:`BodyImage.learn` that no row sets."""
@@ -284,6 +288,22 @@ def row_name(spec: Any) -> str:
 def probe_key(spec: Any) -> str:
     """What results call a probe that was given without a name."""
     return spec if isinstance(spec, str) and spec in PROBES else probe_name(built_probe(spec))
+
+
+def refuse_deep(what: str, value: Any, depth: int = 0) -> None:
+    """Raises InvalidConfig for tables within tables beyond any sense."""
+    if depth > _DEEPEST:
+        raise InvalidConfig(f"{what}: more than {_DEEPEST} tables within each other; no setting lies so deep")
+    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
+        refuse_deep(what, item, depth + 1)
+
+
+def refuse_infinite(what: str, value: Any) -> None:
+    """Raises InvalidConfig for a number that is infinite or NaN, which neither TOML nor a result can keep apart."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InvalidConfig(f"{what}={value!r}: give a finite number")
+    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
+        refuse_infinite(what, item)
 
 
 def _is_path(given: Any) -> bool:

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-__all__ = ["Block", "blocks", "stream"]
+__all__ = ["Block", "blocks"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +27,9 @@ class Block:
         number: Of the block.
         seeds: Its seeds.
         first: Place of the first of them among the study's.
-        body: dict[str, Any] of the embodiment.
+        body: Table of the embodiment.
         sha256: Hash of the embodiment that the study began with; empty: there is no embodiment.
-        simulation: dict[str, Any] of the recording.
+        simulation: Table of the recording.
         settings: Of the study, but for its axes and seeds.
     """
 
@@ -90,33 +88,6 @@ class Block:
             "seeds": list(self.seeds),
             "config": config or self.config(),
         }
-
-    def seeds_of(self, what: str, seed: int, count: int) -> list[int]:
-        """Seeds of what is drawn at random for one of the block's seeds; the first ones are those of fewer.
-
-        Args:
-            what: ``"recordings"`` (training, use, tour, further training), ``"first maps"`` (posture map, then each of
-                the first maps), or the name of a row's stream (its fit).
-            seed: Of the block.
-            count: How many.
-        """
-        base = f"{self.embodiment}/{self.simulation.get('stream') or self.recording}/{seed}"
-        return stream(self.settings["seed"], base if what == "recordings" else f"{base}/{what}", count)
-
-
-def stream(entropy: int, name: str, count: int = 1) -> list[int]:
-    """Seeds of what bears a name: a ``SeedSequence``, spawned by the name.
-
-    Args:
-        entropy: Seed of all.
-        name: Such as ``embodiment/recording/seed``.
-        count: How many.
-
-    Returns:
-        Numbers below 2^32, which every library takes.
-    """
-    key = np.frombuffer(hashlib.sha256(name.encode()).digest(), dtype="<u4")
-    return [int(value) for value in np.random.SeedSequence(entropy, spawn_key=key.tolist()).generate_state(count)]
 
 
 def blocks(origin: Mapping[str, Any], store: Path) -> list[Block]:

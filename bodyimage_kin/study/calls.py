@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -94,19 +94,14 @@ class Call:
     alone: bool = False
 
 
-def run(call: Call, begin: Callable[[Any], None]) -> Any:
-    """Does a call, all in this thread, whatever time it takes.
+def run(call: Call) -> Iterator[Any]:
+    """Does a call, all in the thread of whoever asks for the next thing, whatever time it takes.
 
-    Args:
-        call: What is to be done.
-        begin: Called with each step as it begins, and with what came of it.
+    Yields:
+        Each step as it begins; last, what came of the call.
     """
-    said = steps = call.work(*call.arguments)
-    if isinstance(steps, Generator):
-        # What is yielded last is what came of it.
-        for said in steps:
-            begin(said)
-    return said
+    done = call.work(*call.arguments)
+    return done if isinstance(done, Generator) else iter([done])
 
 
 def here(call: Call, begin: Callable[[Any], None] = lambda said: None) -> Any:
@@ -114,23 +109,26 @@ def here(call: Call, begin: Callable[[Any], None] = lambda said: None) -> Any:
 
     Args:
         call: What is to be done; of a single step if there is a limit.
-        begin: As of :func:`run`.
+        begin: Called with all that :func:`run` yields.
 
     Raises:
         TimeLimitExceeded: It took longer. The thread that works is left behind, and ends with its process.
     """
     if call.prepare is not None:
         call.prepare(call.arguments[0])
-    if call.limit is None:
-        return run(call, begin)
     future: Future[Any] = Future()
 
     def work() -> None:
         try:
-            future.set_result(run(call, begin))
+            for said in run(call):
+                begin(said)
+            future.set_result(said)
         except BaseException as problem:
             future.set_exception(problem)
 
+    if call.limit is None:
+        work()
+        return future.result()
     threading.Thread(target=work, daemon=True).start()
     try:
         return future.result(number("limit", call.limit, above=0.0))

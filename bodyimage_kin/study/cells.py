@@ -1,8 +1,4 @@
-"""What a worker does: record blocks of seeds, or let rows learn from them; both go into the store.
-
-Each seed has random streams of its own, spawned from the study's by the cell's name, so that nothing depends on who
-works, on how many do, or in what order.
-"""
+"""What a worker does: record blocks of seeds, or let rows learn from them; both go into the store."""
 
 from __future__ import annotations
 
@@ -23,30 +19,28 @@ import torch
 import xarray as xr
 
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.body.file import load_embodiment
-from bodyimage_kin.errors import InvalidConfig
-from bodyimage_kin.recordings import experience, simulate_many
+from bodyimage_kin.recordings import experience
 from bodyimage_kin.recordings.schema import versions
+from bodyimage_kin.study import random_streams
+from bodyimage_kin.study.answers import WrongResult
 from bodyimage_kin.study.blocks import Block
+from bodyimage_kin.study.bodies import load_body
 from bodyimage_kin.study.calls import Step
-from bodyimage_kin.study.context import Context, Score, WrongResult, image_unit
+from bodyimage_kin.study.context import Context, Score, image_unit
 from bodyimage_kin.study.facts import SHARED_MAPS
-from bodyimage_kin.study.grid import ROLES, Row, Simulation
+from bodyimage_kin.study.grid import ROLES, Row, row_of
 from bodyimage_kin.study.parts import Part
 from bodyimage_kin.study.scoring import built_probe, computed, need_maps, resolve
-from bodyimage_kin.study.specs import ESTIMATOR, MOTION, Table, arguments, from_settings
+from bodyimage_kin.study.simulated import recordings_of, simulation_of
+from bodyimage_kin.study.specs import ESTIMATOR, Table
 from bodyimage_kin.study.store import Store, padded, said
 
 __all__ = [
     "AGAIN",
     "LATER",
     "Job",
-    "body_place",
     "failed",
     "fit_all",
-    "load_body",
-    "mesh_folder",
-    "row_of",
     "work_through",
 ]
 
@@ -56,8 +50,6 @@ LATER = "later"
 """What comes of a job that is left to somebody else, because those before it took long."""
 _LONG = 1.0
 """Time after which no further job is begun [s]."""
-_UNFELT = {"f": np.nan, "i": -1, "u": 0, "b": False}
-"""What pads the shorter of several trials, by kind of number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,51 +115,6 @@ def failed(block: Block, name: str, table: Table, failure: str) -> Part:
     return _part(block, block.identity(name, block.config(table)), [], [None] * len(block.seeds), failures)
 
 
-def load_body(block: Block) -> Embodiment | None:
-    """The embodiment of a block, loaded once a process; makes the process one that computes with one thread."""
-    # Bits depend on how sums are divided among threads, and the processes of a pool divide the work already.
-    torch.set_num_threads(1)
-    folder = Path(block.folder)
-    place = body_place(block.body, folder, Path(block.store))
-    return _load(place, block.body.get("backend"), mesh_folder(block.body, folder), block.sha256)
-
-
-def mesh_folder(table: Table, folder: Path) -> Path | None:
-    """Where an embodiment's meshes lie, from here; None: the table does not say.
-
-    Args:
-        table: Of the embodiment.
-        folder: Where relative paths begin.
-    """
-    return folder / table["mesh_folder"] if "mesh_folder" in table else None
-
-
-def body_place(table: Table, folder: Path, store: Path) -> str:
-    """Name of an embodiment, or its path from here; empty: there is none.
-
-    Args:
-        table: Of the embodiment.
-        folder: Where relative paths begin.
-        store: Of the study, for embodiments that it was handed.
-    """
-    if "given" in table:
-        return str(store / "given" / table["given"] / "embodiment.toml")
-    named = str(table.get("embodiment", ""))
-    return str((folder / named).absolute()) if named.endswith(".toml") else named
-
-
-def row_of(table: Mapping[str, Any], folder: Path = Path()) -> Row:
-    """The row of a table, its estimator not yet built.
-
-    Raises:
-        InvalidConfig: A setting that a row does not have, or out of range.
-    """
-    if "estimator" not in table:
-        return Row(dict(table))
-    settings = arguments("row", Row, {key: value for key, value in table.items() if key != "estimator"}, folder)
-    return Row(None if table["estimator"] == "none" else table["estimator"], **settings)
-
-
 def fit_all(spec: Any, experiences: Sequence[xr.Dataset], seeds: Sequence[int]) -> list[Any]:
     """What an estimator learns from experiences, one seed each; a user's own need not have ``fit_many``.
 
@@ -189,7 +136,7 @@ def _record(block: Block, store: Store, write: Callable[..., None]) -> str:
     """Makes the recordings of a block and measures facts of them; says what went wrong, if anything did."""
     try:
         body = load_body(block)
-        recordings = _recordings(block, body)
+        recordings = recordings_of(block, body)
         loaded = {
             role: [store.given_recording(one) if isinstance(one, str) else one for one in ones]
             for role, ones in recordings.items()
@@ -246,16 +193,6 @@ def _learn(block: Block, name: str, table: Table, twice: bool = False) -> Part |
     return _part(block, block.identity(name, block.config(table)), asked, runs[0], failures, seen)
 
 
-@lru_cache(maxsize=8)
-def _load(name: str, backend: str | None, meshes: Path | None, sha256: str) -> Embodiment | None:
-    if not name:
-        return None
-    body = load_embodiment(name, backend, mesh_folder=meshes)
-    if body.sha256 != sha256:
-        raise InvalidConfig(f"embodiment '{name}' has changed since the study began; begin a new one")
-    return body
-
-
 # The rows of a block come one after the other.
 @lru_cache(maxsize=2)
 def _recorded(block: Block) -> tuple[Part, dict[str, list[xr.Dataset]]] | None:
@@ -289,72 +226,6 @@ def _same(one: Any, other: Any) -> bool:
     return all(one[0][name].tobytes() == other[0][name].tobytes() for name in names)
 
 
-def _recordings(block: Block, body: Embodiment | None) -> dict[str, list[Any]]:
-    """Role -> one a seed: a recording, or the hash of one that the study was handed."""
-    table, found = block.simulation, {}
-    motions = {role: table[role] if isinstance(table.get(role), list) else [table.get(role)] for role in ROLES}
-    count = len(ROLES) + len(motions["training"]) - 1
-    streams = [block.seeds_of("recordings", seed, count) for seed in block.seeds]
-    for index, role in enumerate(ROLES):
-        one = table.get(role)
-        if one in (None, "none") or (
-            role != "training" and (body is None or body.skin is None) and "recording" not in one
-        ):
-            continue
-        if "recording" in one:
-            given = one["recording"]
-            found[role] = [given[n] if isinstance(given, list) else given for n in block.places]
-            continue
-        if body is None:
-            raise InvalidConfig(f"{role}: a motion is simulated with an embodiment; give a recording, or a body")
-        # Further motions of the training have streams after those of the first three recordings.
-        numbers = [index, *range(len(ROLES), count)] if role == "training" else [index]
-        trials = [
-            _simulated(block, body, motion, [one[number] for one in streams])
-            for motion, number in zip(motions[role], numbers, strict=True)
-        ]
-        found[role] = [_one_recording(ones) for ones in zip(*trials, strict=True)]
-    return found
-
-
-def _simulated(block: Block, body: Embodiment, motion: Table, seeds: list[int]) -> list[xr.Dataset]:
-    parts = {key: one for key, one in block.simulation.items() if key in ("dynamics", "noise", "touch_seen")}
-    how = from_settings(Simulation, parts | {"training": None})
-    spec = MOTION.build(motion, Path(block.folder), body)
-    try:
-        return _simulated_once(body, spec, tuple(seeds), how.dynamics, how.noise, how.touch_seen)
-    except TypeError as problem:
-        if "unhashable" not in str(problem):
-            raise
-        return simulate_many(
-            body, spec, seeds, dynamics=how.dynamics, noise=how.noise, threads=1, touch_seen=how.touch_seen
-        )
-
-
-# Entries that share a stream share recordings, such as the touches of several trainings.
-@lru_cache(maxsize=8)
-def _simulated_once(
-    body: Embodiment, motion: Any, seeds: tuple[int, ...], dynamics: Any, noise: Any, touch_seen: bool
-) -> list[xr.Dataset]:
-    return simulate_many(body, motion, list(seeds), dynamics=dynamics, noise=noise, threads=1, touch_seen=touch_seen)
-
-
-def _one_recording(trials: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Several recordings as trials of one, the shorter ones padded."""
-    if len(trials) == 1:
-        return trials[0]
-    first = 0
-    numbered = []
-    for one in trials:
-        numbered.append(one.assign_coords(trial=np.arange(first, first + one.sizes["trial"])))
-        first += one.sizes["trial"]
-    fill = {name: _UNFELT.get(one.dtype.kind, "") for name, one in trials[0].data_vars.items()}
-    return xr.concat(
-        numbered, "trial", data_vars="minimal", coords="minimal", compat="override", join="outer", fill_value=fill,
-        combine_attrs="override",
-    )  # fmt: skip
-
-
 def _context(
     block: Block,
     body: Embodiment | None,
@@ -377,26 +248,13 @@ def _context(
         tour,
         probes={name: built_probe(table, folder) for name, table in settings["probes"].items()},
         row=row,
-        simulation=_simulation(block),
-        map_seeds=block.seeds_of("first maps", seed, 1 + count) if with_maps else (),
+        simulation=simulation_of(block),
+        map_seeds=random_streams.of_maps(block, seed, 1 + count) if with_maps else (),
         map_settings=settings["maps"],
         cut=settings["excitation_cut"],
         of=settings["metric_of"],
         known=known,
     )
-
-
-@lru_cache(maxsize=2)
-def _simulation(block: Block) -> Simulation:
-    """How the recordings came about; what was given stands as the hash of it."""
-    folder, parts = Path(block.folder), dict(block.simulation)
-    for role in ROLES:
-        one = parts.get(role)
-        if isinstance(one, list):
-            parts[role] = tuple(MOTION.build(motion, folder) for motion in one)
-        elif isinstance(one, Mapping) and "recording" not in one:
-            parts[role] = MOTION.build(one, folder)
-    return from_settings(Simulation, parts, folder)
 
 
 def _taught(
@@ -411,7 +269,7 @@ def _taught(
     if row.estimator is None:
         return contexts
     begin = time.thread_time()
-    seeds = [block.seeds_of(row.stream or name, seed, 1)[0] for seed in block.seeds]
+    seeds = [random_streams.of_a_fit(block, seed, row.stream or name) for seed in block.seeds]
     experiences = [experience(context.seen.copy(deep=True)) for context in contexts]
     told = [{key: _told(context, fact, folder) for key, fact in row.told.items()} for context in contexts]
     if row.told:

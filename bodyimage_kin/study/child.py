@@ -60,19 +60,16 @@ def _answer(call: Call, answers: Connection) -> tuple[bool, Any]:
     from bodyimage_kin.study.calls import Step, run
 
     steps = 0
-
-    def begin(said: Any) -> None:
-        nonlocal steps
-        if isinstance(said, Step):
-            _print_into(said.log)
-            answers.send((None, steps))
-            steps += 1
-
     try:
         if call.prepare is not None:
             call.prepare(call.arguments[0])
         answers.send((None, -1))
-        return True, run(call, begin)
+        for said in run(call):
+            if isinstance(said, Step):
+                _print_into(said.log)
+                answers.send((None, steps))
+                steps += 1
+        return True, said
     except BodyImageKinError as problem:
         return False, problem
     except Exception as problem:

@@ -22,7 +22,6 @@ import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
-from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.backends import kinematics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import BodyImage, PostureSOM, PostureToImage, integrate
@@ -31,16 +30,13 @@ from bodyimage_kin.estimators import HasDisplacement
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import experience
 from bodyimage_kin.study import maps
+from bodyimage_kin.study.answers import checked, jacobians
 from bodyimage_kin.study.grid import Row, Simulation
 from bodyimage_kin.study.specs import plain_name
 from bodyimage_kin.study.store import padded
 
-__all__ = ["FOLDS", "IMAGE", "Context", "Fact", "LeftOut", "Score", "WrongResult", "answers", "checked", "image_unit"]
+__all__ = ["FOLDS", "IMAGE", "Context", "Fact", "LeftOut", "Score", "image_unit"]
 
-_CHUNK = 5000
-"""Postures at which Jacobians are asked for at once: bounds the memory of wide probes."""
-_LARGEST = 1e150
-"""Beyond it a square is not finite, nor is any score."""
 _NEEDED = ("body", "skin", "truth", "learned", "estimator", "use", "true_use", "tour", "maps")
 
 
@@ -53,10 +49,6 @@ IMAGE = "image"
 def image_unit(seen: xr.Dataset | None) -> str:
     """What the images of a recording are in; metres where nothing says it."""
     return "m" if seen is None or "hand_image" not in seen else str(seen["hand_image"].attrs.get("units", "m"))
-
-
-class WrongResult(BodyImageKinError):
-    """What an estimator returned is no learned Jacobian of finite values."""
 
 
 class LeftOut(BodyImageKinError):
@@ -194,7 +186,7 @@ class Context:
         assert self.body is not None
         with torch.no_grad():
             return {
-                name: _in_chunks("true jacobian", self.body.hand_image_jacobian, q, self.body.m)
+                name: jacobians("true jacobian", self.body.hand_image_jacobian, q, self.body.m)
                 for name, q in self.postures.items()
             }
 
@@ -207,7 +199,7 @@ class Context:
         """
         assert self.body is not None
         return {
-            name: _in_chunks(f"jacobian at probe '{name}'", self.learned.jacobian, q, self.body.m)
+            name: jacobians(f"jacobian at probe '{name}'", self.learned.jacobian, q, self.body.m)
             for name, q in self.postures.items()
         }
 
@@ -392,32 +384,3 @@ class Fact(Score):
     """One fact of a recording, whatever is learned from it: a score without an estimator."""
 
     needs: tuple[str, ...] = ()
-
-
-def checked(what: str, value: Any, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    """What an estimator answers, once its shape and values are known to be right.
-
-    Raises:
-        WrongResult: Of another shape, not finite, or too large to be scored.
-    """
-    values = as_float_array(value, what, error=WrongResult)
-    if values.shape != shape:
-        raise WrongResult(f"{what} has shape {values.shape}; it must be {shape}")
-    for problem, sound in (("not finite", np.isfinite(values)), ("too large to be scored", abs(values) < _LARGEST)):
-        wrong = int((~sound).reshape(len(values), -1).any(1).sum()) if values.size else 0
-        if wrong:
-            raise WrongResult(f"{what} is {problem} in {wrong} of {len(values)} postures")
-    return values
-
-
-def answers(of: Callable[..., Any], q: Float[np.ndarray, "postures p"]) -> Float[np.ndarray, "postures ..."]:
-    """What a function of postures says, asked for few of them at a time."""
-    return np.concatenate([as_float_array(of(part)) for part in torch.split(torch.from_numpy(q), _CHUNK)])
-
-
-def _in_chunks(what: str, jacobian: Callable[..., Any], q: torch.Tensor, m: int) -> Float[np.ndarray, "postures m p"]:
-    """Jacobians at postures, few of them at a time."""
-    found = np.empty((len(q), m, q.shape[-1]))
-    for part, here in zip(np.split(found, range(_CHUNK, len(q), _CHUNK)), torch.split(q, _CHUNK), strict=True):
-        part[...] = checked(what, jacobian(here), part.shape)
-    return found

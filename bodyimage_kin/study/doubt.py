@@ -18,7 +18,8 @@ from jaxtyping import Float
 from bodyimage_kin import metrics
 from bodyimage_kin.body_image import BodyImageDraws
 from bodyimage_kin.estimators import Analytic, Drawn, Uncertain
-from bodyimage_kin.study.context import IMAGE, Context, LeftOut, Score, answers, checked
+from bodyimage_kin.study.answers import answers, checked
+from bodyimage_kin.study.context import IMAGE, Context, LeftOut, Score
 from bodyimage_kin.study.store import padded
 
 __all__ = ["DOUBT"]

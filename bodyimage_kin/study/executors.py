@@ -12,7 +12,7 @@ import io
 import os
 import queue
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +20,7 @@ from typing import Any, cast
 
 from bodyimage_kin._checks import whole
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, MissingDependency
-from bodyimage_kin.study.calls import Call, Child, Step, here, in_child
+from bodyimage_kin.study.calls import Call, Child, Step, here, in_child, run
 
 __all__ = [
     "ExecutorLost",
@@ -117,14 +117,12 @@ class InProcess(Ours):
         future: Future[Any] = Future()
         with _Printed() as printed:
             try:
-                if call.limit is not None or call.prepare:
-                    future.set_result(here(call, printed.into))
+                if call.limit is not None or call.prepare is not None:
+                    said = here(call, printed.into)
                 else:
-                    # As `run` does, which a reader then need not pass.
-                    said = steps = call.work(*call.arguments)
-                    for said in steps if isinstance(steps, Generator) else ():
+                    for said in run(call):
                         printed.into(said)
-                    future.set_result(said)
+                future.set_result(said)
             except Exception as problem:
                 future.set_exception(problem)
         return future

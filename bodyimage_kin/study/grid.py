@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from bodyimage_kin._checks import choice, flag, text, whole
 from bodyimage_kin.body_image.integration import METHODS, RESETS
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.recordings import Drag, Noise
+from bodyimage_kin.study.specs import arguments
 
-__all__ = ["ROLES", "Row", "Simulation"]
+__all__ = ["ROLES", "Row", "Simulation", "row_of"]
 
 ROLES = ("training", "use", "tour")
 """Recordings of an entry: learned from, used on, compared along."""
@@ -99,3 +101,15 @@ class Row:
                 raise InvalidConfig(f"{name}={value!r}: give a table of settings")
         if self.told and self.estimator is None:
             raise InvalidConfig("told: direct sight has no setting that could be told; name an estimator")
+
+
+def row_of(table: Mapping[str, Any], folder: Path = Path()) -> Row:
+    """The row of a table, its estimator not yet built.
+
+    Raises:
+        InvalidConfig: A setting that a row does not have, or out of range.
+    """
+    if "estimator" not in table:
+        return Row(dict(table))
+    settings = arguments("row", Row, {key: value for key, value in table.items() if key != "estimator"}, folder)
+    return Row(None if table["estimator"] == "none" else table["estimator"], **settings)

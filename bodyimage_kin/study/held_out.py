@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import scipy.stats
 import torch
 import xarray as xr
 from jaxtyping import Float, Int
@@ -22,13 +21,13 @@ from bodyimage_kin.errors import BodyImageKinError, InvalidConfig
 from bodyimage_kin.estimators import Estimator, Learned, LearnedImage
 from bodyimage_kin.metrics import HeldOut
 from bodyimage_kin.recordings import experience
-from bodyimage_kin.study.context import checked
+from bodyimage_kin.study.answers import checked
 from bodyimage_kin.study.specs import plain_name
+from bodyimage_kin.study.statistics import ratio_of_sums
 
 __all__ = ["foretold", "held_out_scores", "learned_scores", "noise_of"]
 
 _RESAMPLES = 1999
-_LEVEL = 0.95
 _FEWEST = 5
 """Stretches from which an interval is told."""
 
@@ -213,15 +212,8 @@ class _Judged:
         np.add.at(moved, place, (size**2).sum(1))
         if not wrong.any():
             return 0.0, 0.0
-
-        def ratio(wrong: np.ndarray, moved: np.ndarray, axis: int = -1) -> np.ndarray:
-            return np.asarray(np.sqrt(wrong.sum(axis) / moved.sum(axis)))
-
-        found = scipy.stats.bootstrap(
-            (wrong, moved), ratio, paired=True, vectorized=True, n_resamples=_RESAMPLES, confidence_level=_LEVEL,
-            method="BCa", rng=np.random.default_rng(seed),
-        ).confidence_interval  # fmt: skip
-        return float(found.low), float(found.high)
+        found = ratio_of_sums(wrong, moved, resamples=_RESAMPLES, seed=seed)
+        return found.lower, found.upper
 
 
 def _row(estimator: Estimator, parts: list[HeldOut], noise: float, seed: int) -> dict[str, Any]:

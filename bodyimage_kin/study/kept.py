@@ -18,7 +18,18 @@ from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.study.blocks import Block, blocks
 from bodyimage_kin.study.parts import Part, parts_in
 
-__all__ = ["KIND", "MARKER", "Row", "SetAside", "by_recording", "cells_in", "rows_of", "set_aside", "settings"]
+__all__ = [
+    "KIND",
+    "MARKER",
+    "RowProgress",
+    "SetAside",
+    "by_recording",
+    "cells_in",
+    "opened",
+    "rows_of",
+    "set_aside",
+    "settings",
+]
 
 KIND = "study"
 MARKER = "bodyimage_kin.json"
@@ -30,7 +41,7 @@ class SetAside(UserWarning):
 
 
 @dataclass(frozen=True)
-class Row:
+class RowProgress:
     """How far a row is on one recording.
 
     Attributes:
@@ -59,20 +70,31 @@ def settings(folder: Path) -> dict[str, Any] | None:
         return None
 
 
-def rows_of(folder: Path) -> list[Row]:
-    """How far each row of the study in a folder is, on each recording that it is computed on. Nothing is written.
+@contextlib.contextmanager
+def opened(folder: Path) -> Iterator[dict[str, Any]]:
+    """What the study in a folder was asked for, while something is made of it.
 
     Raises:
-        InvalidConfig: A folder without a study, or one that this version cannot read.
+        InvalidConfig: A folder without a study, or one of which this version can make nothing.
     """
     origin = settings(folder)
     if origin is None:
         raise InvalidConfig(f"'{folder}' holds no study; run one into it first")
     try:
-        return list(_rows(folder, origin))
+        yield origin
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
         said = f"{type(problem).__name__}: {problem}"
         raise InvalidConfig(f"'{folder}' holds no study that this version can read ({said})") from None
+
+
+def rows_of(folder: Path) -> list[RowProgress]:
+    """How far each row of the study in a folder is, on each recording that it is computed on. Nothing is written.
+
+    Raises:
+        InvalidConfig: As :func:`opened`.
+    """
+    with opened(folder) as origin:
+        return list(_rows(folder, origin))
 
 
 def by_recording(ones: Sequence[Block]) -> list[list[Block]]:
@@ -152,7 +174,7 @@ def set_aside(path: Path, why: str, sound: Sequence[Part] = (), *, mend: bool) -
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
-def _rows(folder: Path, origin: Mapping[str, Any]) -> Iterator[Row]:
+def _rows(folder: Path, origin: Mapping[str, Any]) -> Iterator[RowProgress]:
     table = origin["config"]["estimators"]
     for ones in by_recording(blocks(origin, folder)):
         kept = cells_in(folder, ones, table, lambda part: part.notes["failures"])
@@ -168,7 +190,7 @@ def _rows(folder: Path, origin: Mapping[str, Any]) -> Iterator[Row]:
                     if failure:
                         failures.setdefault(failure, []).append(seed)
             total = sum(len(block.seeds) for block in ones)
-            yield Row(ones[0].embodiment, ones[0].recording, name, total, missing, failures)
+            yield RowProgress(ones[0].embodiment, ones[0].recording, name, total, missing, failures)
 
 
 def _parts(path: Path) -> Iterator[Part | str]:

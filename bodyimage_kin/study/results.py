@@ -15,7 +15,7 @@ from bodyimage_kin._files import write_bytes
 from bodyimage_kin.errors import InvalidConfig, OutputRefused
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study.blocks import blocks
-from bodyimage_kin.study.kept import by_recording, cells_in, settings
+from bodyimage_kin.study.kept import by_recording, cells_in, opened
 from bodyimage_kin.study.parts import Part
 from bodyimage_kin.study.scores import SCORES
 from bodyimage_kin.study.store import Store
@@ -38,14 +38,8 @@ def read_study(folder: str | Path) -> xr.Dataset:
     Raises:
         InvalidConfig: A folder without a study, or one that this version cannot read.
     """
-    origin = settings(Path(folder))
-    if origin is None:
-        raise InvalidConfig(f"'{folder}' holds no study; run one into it first")
-    try:
+    with opened(Path(folder)) as origin:
         return gather(Store(Path(folder).absolute()), origin)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
-        said = f"{type(problem).__name__}: {problem}"
-        raise InvalidConfig(f"'{folder}' holds no study that this version can read ({said})") from None
 
 
 def write_results(results: xr.Dataset, path: Path) -> None:
@@ -80,15 +74,13 @@ def recording_of(
     Raises:
         InvalidConfig: No study, or it has no such recording (yet).
     """
-    origin = settings(Path(folder))
-    if origin is None:
-        raise InvalidConfig(f"'{folder}' holds no study; run one into it first")
     place = Store(Path(folder).absolute())
-    for block in blocks(origin, place.folder):
-        if block.recording == recording and seed in block.seeds and embodiment in ("", block.embodiment):
-            kept = place.recordings(block)
-            if kept is not None and role in kept[1]:
-                return kept[1][role][block.seeds.index(seed)].copy(deep=True)
+    with opened(Path(folder)) as origin:
+        for block in blocks(origin, place.folder):
+            if block.recording == recording and seed in block.seeds and embodiment in ("", block.embodiment):
+                kept = place.recordings(block)
+                if kept is not None and role in kept[1]:
+                    return kept[1][role][block.seeds.index(seed)].copy(deep=True)
     raise InvalidConfig(f"'{folder}' has no recording '{recording}' of seed {seed} and role '{role}'")
 
 

@@ -15,6 +15,7 @@ from typing import Any
 from bodyimage_kin.errors import OutputRefused
 from bodyimage_kin.study import cells
 from bodyimage_kin.study.blocks import Block
+from bodyimage_kin.study.bodies import load_body
 from bodyimage_kin.study.calls import Call, NoWorker, WorkerDied
 from bodyimage_kin.study.cells import Job
 from bodyimage_kin.study.executors import ExecutorLost, Others, Ours, was_lost
@@ -242,5 +243,5 @@ def _call(tasks: Sequence[_Task], limit: float | None, twice: bool) -> Call:
     if not first.job.name:
         return Call(cells.work_through, (first.job.block, jobs), alone=first.alone)
     # A body is loaded before the time runs.
-    prepare = cells.load_body if limit is not None else None
+    prepare = load_body if limit is not None else None
     return Call(cells.work_through, (first.job.block, jobs, twice), prepare, limit, first.alone)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
+import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin import metrics
@@ -14,12 +15,13 @@ from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.estimators import LearnedImage
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.study import maps
-from bodyimage_kin.study.context import IMAGE, Context, LeftOut, Score, answers, checked
+from bodyimage_kin.study.answers import answers, checked, jacobians
+from bodyimage_kin.study.context import IMAGE, Context, LeftOut, Score
 from bodyimage_kin.study.doubt import DOUBT
 from bodyimage_kin.study.held_out import foretold, noise_of
 from bodyimage_kin.study.store import padded
 
-__all__ = ["CAUSES", "HELD_OUT", "MAP_SCORES", "PARTS", "SCORES", "of_maps"]
+__all__ = ["CAUSES", "HELD_OUT", "MAP_SCORES", "PARTS", "SCORES", "displacement_error_along", "of_maps"]
 
 PARTS = ("scale", "mean_excited", "mean_unexcited", "variation")
 """What a squared Jacobian error is the sum of (:class:`bodyimage_kin.metrics.Attribution`)."""
@@ -45,9 +47,9 @@ def _relative_error_moved(context: Context) -> Any:
     assert body is not None
     q = probes.probe_postures(probes.Training(), body, context.seen)
     with torch.no_grad():
-        J, Jh = (answers(of, q.numpy()) for of in (body.hand_image_jacobian, context.learned.jacobian))
+        J, Jh = (jacobians("jacobian", of, q, body.m) for of in (body.hand_image_jacobian, context.learned.jacobian))
     spectrum = metrics.local_spectrum(q, noise=float(context.seen.attrs.get("encoder_noise", 0.0)))
-    return metrics.pooled_relative_error(spectrum.restrict(J), spectrum.restrict(checked("jacobian", Jh, J.shape)))
+    return metrics.pooled_relative_error(spectrum.restrict(J), spectrum.restrict(Jh))
 
 
 def _scale_free_error(context: Context) -> Any:
@@ -96,18 +98,26 @@ def _part_by_posture(part: str) -> Callable[[Context], Any]:
     return of
 
 
-def _displacement_error(context: Context) -> Any:
-    body, tour = context.body, context.tour
-    assert body is not None
-    assert tour is not None
-    q = tour["true_q"].values
+def displacement_error_along(context: Context, moved: xr.Dataset | None, where: str) -> float:
+    """Relative error of learned displacements over the true steps of a recording.
+
+    Args:
+        context: Of what was learned.
+        moved: The recording, with the truth.
+        where: What it is, for an error.
+
+    Raises:
+        WrongResult: What was learned answers in other shapes, or not in finite numbers.
+    """
+    assert context.body is not None
+    assert moved is not None
+    q = moved["true_q"].values
     there = np.isfinite(q[:, :-1]).all(-1) & np.isfinite(q[:, 1:]).all(-1)
     before, dq = torch.from_numpy(q[:, :-1][there]), torch.from_numpy(np.diff(q, axis=1)[there])
     with torch.no_grad():
-        linear = (body.hand_image_jacobian(before) @ dq[..., None])[..., 0].numpy()
-    return metrics.displacement_error(
-        checked("displacement on the tour", context.learned.displacement(before, dq), linear.shape), linear
-    )
+        linear = (context.body.hand_image_jacobian(before) @ dq[..., None])[..., 0].numpy()
+    foreseen = checked(f"displacement {where}", context.learned.displacement(before, dq), linear.shape)
+    return metrics.displacement_error(foreseen, linear)
 
 
 def _of_velocities(score: Callable[..., Any]) -> Callable[[Context], Any]:
@@ -222,8 +232,9 @@ SCORES: Mapping[str, Score] = {
         ),
         # The tour comes first: of what explodes there, the reason is told that is easiest to see.
         Score(
-            "displacement_error", (), "relative error of displacements on the tour", _displacement_error,
-            needs=_TOUR, source="displacement_error",
+            "displacement_error", (), "relative error of displacements on the tour",
+            lambda context: displacement_error_along(context, context.tour, "on the tour"), needs=_TOUR,
+            source="displacement_error",
         ),
         Score(
             "velocity_correlation", ("axis",), "correlation of velocities on the tour",

@@ -19,10 +19,10 @@ from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.estimators.analytic import AnalyticJacobian
 from bodyimage_kin.metrics import probes as probe_specs
 from bodyimage_kin.recordings import check
-from bodyimage_kin.study.blocks import stream
 from bodyimage_kin.study.context import FOLDS, Context, LeftOut, Score, image_unit
 from bodyimage_kin.study.facts import FACTS
 from bodyimage_kin.study.held_out import held_out_scores, learned_scores
+from bodyimage_kin.study.random_streams import stream
 from bodyimage_kin.study.scores import HELD_OUT, SCORES
 from bodyimage_kin.study.specs import ESTIMATOR, PROBE, plain_name, snake
 

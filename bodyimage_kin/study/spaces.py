@@ -95,6 +95,7 @@ SPACES: Mapping[str, Table] = {
     # They take over the settings that were tuned for the estimator within.
     "Ensemble": {},
     "Conformal": {},
+    "Misinformed": {},
     # The spreads are no settings but prior knowledge: how well the body is known beforehand.
     "SelfCalibration": {"robust": {"choice": [True, False]}, "steps": {"log_uniform": [20, 100]}},
     # The truth, and what was learned elsewhere.

@@ -13,11 +13,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
-import math
 import re
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -27,6 +26,8 @@ import numpy as np
 from bodyimage_kin import estimators
 from bodyimage_kin._checks import refuse
 from bodyimage_kin._named import named_class, named_object
+from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, UnknownName
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import motions
@@ -39,10 +40,9 @@ __all__ = [
     "Table",
     "arguments",
     "class_name",
-    "finite",
     "from_settings",
+    "other_bodies",
     "plain_name",
-    "refuse_deep",
     "refuse_unknown",
     "settings_of",
     "snake",
@@ -54,8 +54,6 @@ Table: TypeAlias = dict[str, Any]
 _NONE = "none"
 """How a table says None where that is not the default, as in ``reset_interval = "none"``."""
 _LONGEST = 200
-_DEEPEST = 20
-"""Tables within tables: no spec of ours comes near it."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +83,8 @@ class Kind:
 
         Args:
             spec: The object itself, its class, a name, or ``{NAME: settings}``.
-            folder: Where a module may lie beside where Python looks.
-            body: The embodiment, for a class that has a setting ``body``.
+            folder: Where a module, or a file of an embodiment, may lie beside where Python looks.
+            body: The embodiment, for a class that has a setting ``body`` of which nothing is said.
             told: Settings that stand in no table.
 
         Raises:
@@ -98,9 +96,10 @@ class Kind:
         name, settings = self.parts(spec)
         cls = self.find(name, folder)
         what = f"{self.name} {_short(name)}"
+        named, settings = _named_body(what, cls, settings, folder)
         values = arguments(what, cls, settings, folder, body) | dict(told or {})
         if "body" in _parameters(cls):
-            values["body"] = body
+            values["body"] = body if named is None else load_embodiment(named)
         return self._checked(_made(what, cls, values))
 
     def table(self, spec: Any, folder: Path = Path()) -> Table:
@@ -121,7 +120,9 @@ class Kind:
         if not self.wants_body(spec, folder):
             return {name: settings_of(self.build(spec, folder))}
         # It cannot be built before there is a body, so the values of its settings are checked when there is one.
-        arguments(what, cls, settings, folder, None)
+        built = arguments(what, cls, _named_body(what, cls, settings, folder)[1], folder, None)
+        # What is within and wants a body came back as a table, every setting written out.
+        settings |= {name: value for name, value in built.items() if isinstance(value, dict)}
         given = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING} | settings
         return {name: {key: written(f"{what}: {key}", value) for key, value in given.items() if value is not None}}
 
@@ -272,6 +273,8 @@ def written(what: str, value: Any) -> Any:
 def settings_of(spec: Any) -> Table:
     """Fields of a dataclass as a table; None where it is the default, and the embodiment, are left out.
 
+    A study refuses an object that was built with another embodiment than it studies.
+
     Raises:
         InvalidConfig: As :func:`written`.
     """
@@ -330,15 +333,32 @@ def refuse_unknown(what: str, table: Mapping[str, Any], known: Any) -> None:
             raise InvalidConfig(str(UnknownName(what, _short(name), known)))
 
 
-def refuse_deep(what: str, value: Any, depth: int = 0) -> None:
-    """Raises InvalidConfig for tables within tables beyond any sense."""
-    if depth > _DEEPEST:
-        raise InvalidConfig(f"{what}: more than {_DEEPEST} tables within each other; no setting lies so deep")
-    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
-        refuse_deep(what, item, depth + 1)
+def other_bodies(spec: Any) -> Iterator[Embodiment]:
+    """The embodiments that an object was built with, and those of objects within it."""
+    if isinstance(spec, list | tuple):
+        for item in spec:
+            yield from other_bodies(item)
+    elif dataclasses.is_dataclass(spec) and not isinstance(spec, type | Embodiment):
+        body = getattr(spec, "body", None)
+        if isinstance(body, Embodiment):
+            yield body
+        yield from other_bodies([value for name, value in vars(spec).items() if name != "body"])
 
 
 # Inner ---------------------------------------------------------------------------------------------------------------
+
+
+def _named_body(
+    what: str, cls: type, settings: Mapping[str, Any], folder: Path
+) -> tuple[str | Path | None, dict[str, Any]]:
+    """Name or place of the embodiment that a table names as its ``body``, None where it says nothing, and the rest."""
+    rest = dict(settings)
+    if "body" not in rest or "body" not in _parameters(cls):
+        return None, rest
+    name = rest.pop("body")
+    if not isinstance(name, str):
+        refuse(f"{what}: body", name, "the name of an embodiment, or the path of its TOML file")
+    return (folder / name if name.endswith(".toml") else name), rest
 
 
 def _short(value: Any) -> str:
@@ -412,16 +432,3 @@ def _parameters(cls: Any) -> Mapping[str, inspect.Parameter]:
         return inspect.signature(cls).parameters
     except (TypeError, ValueError):
         return {}
-
-
-def finite(what: str, value: Any) -> Any:
-    """The value itself, once no number in it is infinite or NaN, which neither TOML nor a result can keep apart.
-
-    Raises:
-        InvalidConfig: One that is.
-    """
-    if isinstance(value, float) and not math.isfinite(value):
-        raise InvalidConfig(f"{what}={value!r}: give a finite number")
-    for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
-        finite(what, item)
-    return value

@@ -21,13 +21,14 @@ from bodyimage_kin._checks import choice, flag, number, whole
 from bodyimage_kin._files import write_text
 from bodyimage_kin._shown import Shown
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.body.file import load_embodiment
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.recordings import write_recording
-from bodyimage_kin.study import asked, cells, executors, results, running, specs, store
+from bodyimage_kin.study import asked, executors, results, running, specs, store
 from bodyimage_kin.study.blocks import blocks
+from bodyimage_kin.study.bodies import body_of
 from bodyimage_kin.study.context import Score
 from bodyimage_kin.study.fitness import refuse_unfit
+from bodyimage_kin.study.grid import Row, row_of
 from bodyimage_kin.study.scoring import PROBES, default_facts, default_scores, need_maps
 from bodyimage_kin.study.specs import ESTIMATOR, Table
 from bodyimage_kin.study.store import Store
@@ -116,6 +117,8 @@ class Study(Shown):
         with_maps = need_maps(self.scores or (), self.folder)
         put("facts", read.names("facts", self.facts, default_facts(self.per_posture, with_maps)))
         rows = asked.named("estimators", self.estimators, asked.row_name)
+        for name, one in rows.items():
+            self._refuse_other_bodies(name, one)
         put("estimators", {name: read.row(one) for name, one in rows.items()})
         probes = asked.named("probes", PROBES if self.probes is None else self.probes, asked.probe_key)
         put("probes", {name: read.probe(one) for name, one in probes.items()})
@@ -124,7 +127,7 @@ class Study(Shown):
             for place in row.get("on", ()):
                 if place not in known:
                     raise InvalidConfig(f"row '{name}': {UnknownName('recording', place, known)}")
-        specs.finite("study", self.table())
+        asked.refuse_infinite("study", self.table())
 
     # As a file ------------------------------------------------------------------------------------------------------
 
@@ -191,7 +194,7 @@ class Study(Shown):
         """
         known = [one.name for one in dataclasses.fields(cls) if one.init and one.name != "folder"]
         specs.refuse_unknown("field of a study", table, known)
-        specs.refuse_deep("study", table)
+        asked.refuse_deep("study", table)
         for name in ("embodiments", "recordings", "estimators"):
             if name not in table:
                 raise InvalidConfig(f"the study's field '{name}' is missing; give a table, NAME -> spec")
@@ -265,20 +268,39 @@ class Study(Shown):
             InvalidConfig: An embodiment or an estimator that cannot be built.
         """
         bodies = {name: self._load(table) for name, table in self.embodiments.items()}
+        others: set[str] = set()
         for body in bodies.values():
             # What a setting's value makes impossible is said before anything is computed.
             for table in self.estimators.values():
-                row = cells.row_of(table, self.folder)
+                row = row_of(table, self.folder)
                 if row.estimator is not None and not row.told:
-                    ESTIMATOR.build(row.estimator, self.folder, body)
+                    built = ESTIMATOR.build(row.estimator, self.folder, body)
+                    others |= {
+                        one.sha256 for one in specs.other_bodies(built) if body is None or one.sha256 != body.sha256
+                    }
         return {
             "config": self.table(),
+            **({"other_bodies_sha256": sorted(others)} if others else {}),
             "urdf_sha256": {name: body.robot.sha256 if body else "" for name, body in bodies.items()},
             "embodiment_sha256": {name: body.sha256 if body else "" for name, body in bodies.items()},
             "skin_shape": {
                 name: list((body.skin.shape if body and body.skin else None) or ()) for name, body in bodies.items()
             },
         }
+
+    def _refuse_other_bodies(self, row: str, given: Any) -> None:
+        """Whoever wants a body is given the one that is studied; an object that was built with another says so."""
+        own = list(specs.other_bodies(given.estimator if isinstance(given, Row) else given))
+        if not own:
+            return
+        studied = {body.sha256 for table in self.embodiments.values() if (body := self._load(table)) is not None}
+        for body in own:
+            if body.sha256 not in studied:
+                raise InvalidConfig(
+                    f"row '{row}' was built with the body '{body.name}', which is none of the study's, and would be "
+                    "given the study's instead; name it in a table, such as "
+                    '{"SelfCalibration": {"body": "my.toml"}}'
+                )
 
     def _load(self, table: Table) -> Embodiment | None:
         if "given" in table:
@@ -287,10 +309,7 @@ class Study(Shown):
                     f"embodiment {table['given'][:12]} was handed to another study; give it to this one"
                 )
             return self._given[table["given"]]
-        place = cells.body_place(table, self.folder, Path())
-        if not place:
-            return None
-        return load_embodiment(place, table.get("backend"), mesh_folder=cells.mesh_folder(table, self.folder))
+        return body_of(table, self.folder)
 
 
 def _with_paths(value: Any, names: Mapping[str, str]) -> Any:

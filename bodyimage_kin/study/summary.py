@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from typing import Any
 
@@ -13,7 +14,18 @@ import xarray as xr
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.study import statistics
 
-__all__ = ["EXACT", "chain", "compare", "exact", "failures", "markdown_table", "plain_markdown", "summarise"]
+__all__ = [
+    "EXACT",
+    "chain",
+    "compare",
+    "exact",
+    "failures",
+    "markdown_table",
+    "plain_markdown",
+    "plain_numbers",
+    "refuse_failed",
+    "summarise",
+]
 
 _UNITS = ("embodiment", "seed")
 EXACT = 1e-6
@@ -113,7 +125,11 @@ def compare(results: xr.Dataset, score: str, baseline: str, *, seed: int = 0) ->
     coords = {dim: values[dim] for dim in inner if dim in values.coords}
     variables = {name: ((*inner, "estimator"), np.reshape(one, shape)) for name, one in found.items()}
     sizes = {"estimator": len(others), **{dim: values.sizes[dim] for dim in inner}}
-    family = f"{p.size} comparisons: {' x '.join(f'{count} {_many(dim, count)}' for dim, count in sizes.items())}"
+    made = int(np.isfinite(p).sum())
+    grid = " x ".join(f"{count} {_many(dim, count)}" for dim, count in sizes.items())
+    family = f"{made} {'comparison' if made == 1 else 'comparisons'}: {grid}" + (
+        "" if made == p.size else ", where both have a score"
+    )
     attributes = {**values.attrs, "baseline": baseline, "family": family}
     return xr.Dataset(variables, {**coords, "estimator": others}, attributes)
 
@@ -210,6 +226,24 @@ def failures(results: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
+def refuse_failed(results: xr.Dataset, but: str = "") -> None:
+    """Refuses results of which a cell failed, for whoever judges them all.
+
+    Args:
+        results: Of :meth:`Study.run`.
+        but: Name of an error that may be.
+
+    Raises:
+        InvalidConfig: One failed; says which, and why.
+    """
+    wrong = [one for one in failures(results) if not (but and one["failure"].startswith(but))]
+    if wrong:
+        raise InvalidConfig(
+            f"{len(wrong)} cells failed, {wrong[0]['recording']}/{wrong[0]['estimator']} first: "
+            f"{wrong[0]['failure']}; run it again with retry=True"
+        )
+
+
 def markdown_table(head: Sequence[str], rows: Sequence[Sequence[object]], words: int = 1) -> str:
     """A table as Markdown.
 
@@ -225,6 +259,26 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[object]], words:
 def plain_markdown(cell: object) -> str:
     """Text, a user's name say, as Markdown shows it: neither a column of its own nor HTML."""
     return " ".join(str(cell).replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").split())
+
+
+def plain_numbers(value: Any, digits: int | None = 5) -> Any:
+    """Results as a JSON file keeps them: numbers to a few digits, and None for those that are not finite.
+
+    Args:
+        value: A number, or mappings and sequences of them, nested as they may be; anything else stays as it is.
+        digits: How many are significant; None: all.
+    """
+    if isinstance(value, Mapping):
+        return {key: plain_numbers(item, digits) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_numbers(item, digits) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return None
+        return value if digits is None else float(f"{value:.{digits}g}")
+    return value
 
 
 def _many(dim: str, count: int) -> str:

@@ -22,18 +22,19 @@ import numpy as np
 import torch
 
 from bodyimage_kin import _checks
-from bodyimage_kin._files import write_text
+from bodyimage_kin._files import write_json
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording, UnknownName
 from bodyimage_kin.estimators import Pairs
 from bodyimage_kin.metrics import displacement_error
 from bodyimage_kin.metrics.held_out import HeldOut, hold_out_far
 from bodyimage_kin.recordings.schema import experience
-from bodyimage_kin.study.blocks import stream
 from bodyimage_kin.study.cells import fit_all
+from bodyimage_kin.study.random_streams import stream
 from bodyimage_kin.study.spaces import SPACES, checked_space, points
 from bodyimage_kin.study.specs import ESTIMATOR, Table, written
 from bodyimage_kin.study.store import said
+from bodyimage_kin.study.summary import plain_numbers
 
 __all__ = ["Candidate", "Tuned", "read_tuning", "tune", "write_tuning"]
 
@@ -109,7 +110,7 @@ class Tuned:
         tried = [
             {
                 "settings": dict(one.settings),
-                "score": float(f"{one.score():.5g}") if one.errors else None,
+                "score": plain_numbers(one.score()),
                 "errors": [list(row) for row in one.errors],
                 "failure": one.failure,
                 "seconds": round(one.seconds, 3),
@@ -208,7 +209,7 @@ def write_tuning(path: str | os.PathLike[str], tuned: Mapping[str, Tuned], **abo
         about: What JSON can say: versions, seeds of the recordings, ...
     """
     table = {**_FORM, **about, "tuned": {name: search.table() for name, search in tuned.items()}}
-    write_text(Path(path), json.dumps(table, indent=1, allow_nan=False) + "\n")
+    write_json(Path(path), table)
 
 
 def read_tuning(path: str | os.PathLike[str]) -> dict[str, Tuned]:

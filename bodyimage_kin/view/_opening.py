@@ -21,7 +21,8 @@ from bodyimage_kin.metrics.probes import Face, JointSpace, Probe
 from bodyimage_kin.recordings import experience, motions, read_recording
 from bodyimage_kin.recordings.simulation import simulate
 from bodyimage_kin.study import read_study
-from bodyimage_kin.study.cells import body_place, row_of
+from bodyimage_kin.study.bodies import body_of
+from bodyimage_kin.study.grid import row_of
 from bodyimage_kin.study.results import recording_of
 from bodyimage_kin.study.specs import ESTIMATOR
 from bodyimage_kin.view.scene import Scene, Teacher
@@ -113,10 +114,9 @@ def _study(folder: Path, mesh_folder: str | os.PathLike[str] | None) -> Scene:
     name = str(results["embodiment"].values[0])
     table: dict[str, Any] = config["embodiments"][name]
     begin = Path()
-    named = body_place(table, begin, folder.absolute())
-    if not named:
+    body = body_of(table, begin, folder.absolute())
+    if body is None:
         raise InvalidConfig(f"the study in '{folder}' knows no body, and there is none to show; view a recording of it")
-    body = load_embodiment(named)
     seed = int(results["seed"].values[0])
     recordings: dict[str, xr.Dataset] = {}
     training: xr.Dataset | None = None

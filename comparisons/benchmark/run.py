@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.stats
 import torch
 import xarray as xr
 
@@ -30,6 +29,7 @@ from bodyimage_kin.calibration import drawn_bodies
 from bodyimage_kin.errors import BodyImageKinError, DataWarning, Unreachable
 from bodyimage_kin.estimators import Estimator, Learned, edges
 from bodyimage_kin.study.specs import ESTIMATOR
+from bodyimage_kin.study.statistics import ratio_of_sums
 
 HERE = Path(__file__).parent
 VERSION = 1
@@ -181,19 +181,14 @@ def row(name: str, spec: Estimator, given: Mapping[str, Sequence[Part]]) -> dict
 
 def pooled(wrong: Sequence[float], size: Sequence[float]) -> dict[str, Any]:
     """Root of the ratio of sums over units."""
-    sums = np.array(wrong), np.array(size)
-
-    def relative(top: np.ndarray, bottom: np.ndarray, axis: int = -1) -> Any:
-        return np.sqrt(top.sum(axis) / bottom.sum(axis))
-
-    each = np.sqrt(sums[0] / sums[1])
+    each = np.sqrt(np.array(wrong) / np.array(size))
     if np.ptp(each) <= 1e-9:
         # All units are alike: there is nothing to resample.
-        return {"error": float(relative(*sums)), "interval": [each.min(), each.max()], "each": each.tolist()}
-    ends = scipy.stats.bootstrap(
-        sums, relative, paired=True, vectorized=True, method="BCa", rng=np.random.default_rng(0)
-    ).confidence_interval
-    return {"error": float(relative(*sums)), "interval": [float(ends.low), float(ends.high)], "each": each.tolist()}
+        error, ends = float(np.sqrt(np.sum(wrong) / np.sum(size))), [each.min(), each.max()]
+    else:
+        found = ratio_of_sums(wrong, size)
+        error, ends = found.estimate, [found.lower, found.upper]
+    return {"error": error, "interval": ends, "each": each.tolist()}
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:

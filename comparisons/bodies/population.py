@@ -20,7 +20,7 @@ import tomli_w
 import bodyimage_kin as bk
 from bodyimage_kin.body import check_embodiment
 from bodyimage_kin.errors import BodyImageKinError
-from bodyimage_kin.study.blocks import stream
+from bodyimage_kin.study.random_streams import stream
 
 INFANT = Path(__file__).parents[2] / "urdf" / "infant.toml"
 ARM = ("left_shoulder_pitch", "left_shoulder_roll", "left_shoulder_yaw", "left_elbow", "left_wrist")

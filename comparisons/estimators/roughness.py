@@ -19,7 +19,7 @@ import bodyimage_kin as bk
 from bodyimage_kin.metrics import displacement_error, hold_out, hold_out_far
 from bodyimage_kin.recordings.schema import versions
 from bodyimage_kin.study import statistics
-from bodyimage_kin.study.blocks import stream
+from bodyimage_kin.study.random_streams import stream
 
 HERE = Path(__file__).parent
 CONDITIONS = {"torque_noise": {"torque": 0.1}, "noisy": {"torque": 0.1, "encoder": 1e-3, "image": 2e-4}}

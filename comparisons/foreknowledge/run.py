@@ -7,6 +7,7 @@ an interrupted run is taken up where it ended. What failed stands in the results
 from __future__ import annotations
 
 import argparse
+import math
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -41,10 +42,11 @@ def draw(found: Mapping[str, Any], folder: Path) -> None:
         figures.letters(grid.flat[: len(shown)])
         figures.legend(figure)
         figures.save(figure, folder, f"predicted_{estimator}")
-    figure, grid = figures.panels(1, len(found["estimators"]), height=3.3, sharey=True)
-    for axes, estimator in zip(grid[0], found["estimators"], strict=True):
+    figure, grid = figures.panels(math.ceil(len(found["estimators"]) / 2), 2, height=5.6, sharex=True, sharey=True)
+    for axes, estimator in zip(grid.flat, found["estimators"], strict=True):
         figures.r2_bars(found, estimator, axes)
-    figures.letters(grid[0])
+        axes.label_outer()
+    figures.letters(grid.flat)
     figures.save(figure, folder, "r2")
 
 

@@ -46,7 +46,7 @@ ESTIMATORS: Mapping[str, bk.estimators.Estimator] = {
     "paper_mlp": bk.estimators.PaperMLP(steps=500),
     "kernel_ridge": bk.estimators.KernelRidge(),
     "gaussian_process": bk.estimators.GaussianProcess(),
-    # As tuned on noisy recordings of the circle, see comparisons/estimators/tuning_of_arcs.json.
+    # As tuned on noisy recordings of the circle: comparisons/estimators/tuning.json.
     "gaussian_process_tuned": bk.estimators.GaussianProcess(degree=2),
     "rational_trig": bk.estimators.RationalTrig(roughness=16.0, iterations=2),
 }

@@ -18,7 +18,6 @@ from typing import Any
 
 import motoman
 import numpy as np
-import scipy.stats
 import torch
 import xarray as xr
 
@@ -27,6 +26,7 @@ from bodyimage_kin import estimators, figures, metrics
 from bodyimage_kin.calibration import Calibrated, Observed, Prior
 from bodyimage_kin.errors import DataWarning
 from bodyimage_kin.estimators import fold_of_each
+from bodyimage_kin.study.statistics import ratio_of_sums
 
 HERE = Path(__file__).parent
 PRIOR = Prior(axes=2e-3, offsets=1e-3, hand_shift=5e-3, camera_shift=0.05, camera_turn=0.05)
@@ -77,14 +77,8 @@ def only(exp: xr.Dataset, kept: np.ndarray) -> xr.Dataset:
 def pooled(wrong: np.ndarray, size: np.ndarray, run: np.ndarray) -> list[float]:
     """Root of the ratio of sums, and its 95 % over runs of successive poses (BCa)."""
     sums = [np.bincount(run, values, minlength=run.max() + 1) for values in (wrong, size)]
-
-    def relative(top: np.ndarray, bottom: np.ndarray, axis: int = -1) -> Any:
-        return np.sqrt(top.sum(axis) / bottom.sum(axis))
-
-    found = scipy.stats.bootstrap(
-        sums, relative, paired=True, vectorized=True, method="BCa", rng=np.random.default_rng(0)
-    ).confidence_interval
-    return [float(relative(*sums)), float(found.low), float(found.high)]
+    found = ratio_of_sums(*sums)
+    return [found.estimate, found.lower, found.upper]
 
 
 # The full Jacobian ----------------------------------------------------------------------------------------------------

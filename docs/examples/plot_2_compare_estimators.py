@@ -19,7 +19,8 @@ estimators = {
     "gaussian_process": bk.estimators.GaussianProcess(),
     "trig_ridge": bk.estimators.TrigRidge(),
     "rational_trig": bk.estimators.RationalTrig(),
-    "self_calibration": bk.estimators.SelfCalibration(body),  # knows the structure, no measures
+    # Knows the structure, and measures that are off.
+    "self_calibration": bk.estimators.Misinformed(bk.estimators.SelfCalibration(body)),
 }
 
 # %%

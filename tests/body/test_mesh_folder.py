@@ -14,7 +14,7 @@ from bodyimage_kin.errors import InvalidConfig, InvalidGeometry
 from bodyimage_kin.figures.visuals import triangles
 from bodyimage_kin.robot import meshes
 from bodyimage_kin.study.blocks import blocks
-from bodyimage_kin.study.cells import load_body
+from bodyimage_kin.study.bodies import load_body
 
 URDF = """<robot name="arm"><link name="base"/>
 <link name="hand"><visual><geometry><mesh filename="{}"/></geometry></visual></link>

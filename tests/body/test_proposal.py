@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import bodyimage_kin as bk
+from bodyimage_kin.body import _proposal_links, _proposal_skin
 from bodyimage_kin.body.collisions import Hulls
 from bodyimage_kin.body.proposal import propose
 from bodyimage_kin.errors import BodyImageKinError
@@ -107,3 +108,53 @@ def test_a_robot_without_eye_names_its_links():
 def test_where_the_robot_looks_is_where_its_hand_moves(proposal):
     assert any("forward: x of the root" in one for one in proposal.remarks)
     torch.testing.assert_close(torch.from_numpy(proposal.body.skin.forward), torch.tensor([1.0, 0, 0]).double())
+
+
+HEAD = """
+<robot name="screens">
+  <link name="torso"><collision><geometry><box size="0.5 0.5 0.9"/></geometry></collision></link>
+  <link name="head"><collision><geometry><sphere radius="0.001"/></geometry></collision></link>
+  <link name="head_camera"/>
+  <link name="screen"><visual><geometry><box size="{depth} 0.2 0.15"/></geometry></visual></link>
+  <joint name="pan" type="revolute"><parent link="torso"/><child link="head"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="a" type="fixed"><parent link="head"/><child link="head_camera"/></joint>
+  <joint name="b" type="fixed"><parent link="head"/><child link="screen"/><origin xyz="0.1 0 0" rpy="0 0.2 0"/></joint>
+</robot>
+"""
+
+
+def test_what_is_fixed_to_a_head_can_be_its_face():
+    said = []
+    robot = bk.Robot.from_urdf(HEAD.format(depth=0.02))
+    assert _proposal_links.skin_link(robot, "head_camera", None, None, said) == "screen"
+    assert "as large as a face" in said[0]
+    # Too small a screen: the nearest link above that is large enough.
+    small = bk.Robot.from_urdf(HEAD.format(depth=0.02).replace("0.2 0.15", "0.2 0.05"))
+    assert _proposal_links.skin_link(small, "head_camera", None, None, said) == "torso"
+
+
+def test_a_slanted_plate_has_room_for_a_patch():
+    robot = bk.Robot.from_urdf(HEAD.format(depth=0.001))
+    root_T_screen = bk.kinematics(robot).pose(torch.zeros(1), "screen").numpy()
+    axes = root_T_screen[:3, :3].T @ _proposal_links.axes_of((1.0, 0.0, 0.0))
+    skin = _proposal_skin.face_patch(robot, "screen", axes, None, 1.0, [])
+    assert skin.shape == (21, 21)
+    np.testing.assert_allclose(skin.layout.size, (0.09, 0.12), atol=0.01)
+
+
+@pytest.mark.slow
+def test_a_robot_that_looks_the_other_way_is_proposed_the_other_way(monkeypatch):
+    monkeypatch.setattr("bodyimage_kin.body.proposal.ahead_of", lambda *_: np.array([-1.0, 0.0, 0.0]))
+    found = propose(bk.load_embodiment("infant").robot, "left_hand", camera="right_eye")
+    assert found.works
+    assert any("the other way, x of the root" in one for one in found.remarks)
+    torch.testing.assert_close(torch.from_numpy(found.body.skin.forward), torch.tensor([1.0, 0, 0]).double())
+
+
+def test_links_that_move_with_a_hand_are_found_with_their_fingers():
+    body = bk.load_embodiment("infant")
+    hulls = Hulls(body.robot, body.joints)
+    assert "left_hand" in hulls.beyond("left_forearm")
+    assert "left_forearm" not in hulls.beyond("left_hand")
+    assert "head" not in hulls.beyond("left_forearm")

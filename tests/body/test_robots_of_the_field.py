@@ -36,7 +36,7 @@ def test_a_humanoid_is_fit_for_the_experiment(name):
 
 
 @installed
-@pytest.mark.parametrize("name", ["g1", "romeo", "talos"])
+@pytest.mark.parametrize("name", ROBOTS)
 def test_at_home_a_humanoid_does_not_run_into_itself(name):
     body = bk.load_embodiment(name)
     assert Hulls(body.robot, body.joints).collisions(body.home) == ()

@@ -167,3 +167,12 @@ def test_many_measures_are_told_apart(axes):
 def test_what_cannot_be_drawn_is_refused(axes, call, error, match):
     with pytest.raises(error, match=match):
         call(axes)
+
+
+def test_panels_that_share_an_axis_hide_nothing_of_each_other():
+    _, grid = figures.panels(1, 2, height=2.0, sharex=True)
+    figures.errors(means([[0.02, 4.0], [0.3, 0.3], [0.3, 0.3]]), grid[0, 0])
+    figures.errors(means([[0.4, 0.5], [0.4, 0.5], [0.4, 0.5]]), grid[0, 1])
+    least, most = grid[0, 0].get_xlim()
+    assert least < 0.02
+    assert most > 4.0

@@ -16,7 +16,7 @@ from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.published import ambiguities
 from bodyimage_kin.published.ambiguities import AMBIGUITIES, Network, Secant
 from bodyimage_kin.recordings import first_taxel
-from bodyimage_kin.study.blocks import stream
+from bodyimage_kin.study.random_streams import stream
 
 COMMITTED = Path(__file__).parents[2] / "comparisons" / "ambiguities"
 SEED, DURATION = 4, 20.0

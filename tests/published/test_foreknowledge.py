@@ -164,7 +164,7 @@ def test_arms_whose_hand_leaves_the_view_are_drawn_again(body, known, monkeypatc
 
 
 def test_perfect_knowledge_has_no_error_to_foretell(body, known):
-    assert fk.PerturbedArms(body, 2, 0.0, 0.0).predict(known.about(Analytic(body))) < 1e-9
+    assert fk.PerturbedArms(body, 2, 0.0, 0.0).predict(dataclasses.replace(known, estimator=Analytic(body))) < 1e-9
 
 
 # What they are worth ------------------------------------------------------------------------------------------------

@@ -93,6 +93,16 @@ def test_recordings_that_failed_are_counted_in_the_table(results, tmp_path):
     assert "| rational trigonometric (2 of 6) |" in text.split("### noisy")[1]
 
 
+def test_a_row_that_was_not_asked_on_a_recording_has_no_place_there(results, tmp_path):
+    for name in results.data_vars:
+        if "estimator" in results[name].dims and name != "failure":
+            results[name].loc[{"recording": "noisy", "estimator": "rational_trig"}] = np.nan
+    text = bk.report.publish(results, tmp_path, baseline="least_squares").read_text()
+    assert "rational trigonometric" in text.split("### noisy")[0]
+    assert "rational trigonometric" not in text.split("### noisy")[1]
+    assert "over 1 comparison: 1 estimator x 2 recordings, where both have a score" in text
+
+
 def test_embodiments_are_compared_each_by_itself(results, tmp_path):
     other = results.assign_coords(embodiment=["other"]).copy(deep=True)
     other["relative_error_use"].loc[{"estimator": "rational_trig"}] *= 3.0

@@ -5,8 +5,10 @@ import pytest
 import trimesh
 
 import bodyimage_kin as bk
+from bodyimage_kin.body.collisions import vertices_of
 from bodyimage_kin.errors import InvalidGeometry
-from bodyimage_kin.robot.shapes import Shape, blocked, cast, link_surface
+from bodyimage_kin.figures.visuals import link_surfaces
+from bodyimage_kin.robot.shapes import Shape, blocked, cast, link_parts, link_surface
 from bodyimage_kin.robot.triangles import Triangles
 
 RNG = np.random.default_rng(0)
@@ -97,3 +99,68 @@ def test_a_links_mesh_is_its_surface_and_what_is_odd_of_it_is_noted(tmp_path):
     (tmp_path / "head.stl").unlink()
     with pytest.raises(InvalidGeometry, match=r"mesh 'head\.stl' is not in"):
         link_surface(robot(tmp_path, None), "head")
+
+
+def test_a_mesh_in_millimetres_is_mended_wherever_it_is_read(tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.08)
+    ours = robot(tmp_path, ball.copy().apply_scale(1000))
+    (corners,) = vertices_of(ours, "head")
+    np.testing.assert_allclose(np.ptp(corners, axis=0), 0.16, atol=1e-3)
+    (surface,) = link_surface(ours, "head").surface
+    np.testing.assert_allclose(np.ptp(surface.vertices, axis=0), np.ptp(corners, axis=0), atol=1e-9)
+    seen = link_surfaces(robot(tmp_path, ball.copy().apply_scale(1000), "visual"))["head"]
+    np.testing.assert_allclose(np.ptp(seen.corners.reshape(-1, 3), axis=0), 0.16, atol=1e-3)
+
+
+TWO = """<robot name="r"><link name="hand">
+  <visual><geometry><sphere radius="0.05"/></geometry></visual>
+  <collision><origin {place}/><geometry><sphere radius="0.05"/></geometry></collision></link></robot>"""
+
+
+def test_collisions_far_beside_what_is_seen_of_a_link_do_not_stand_for_it():
+    slip = bk.Robot.from_urdf(TWO.format(place='xyz="0 1.57 0"'))
+    meant = bk.Robot.from_urdf(TWO.format(place='rpy="0 1.57 0"'))
+    elements, notes = link_parts(slip, "hand")
+    assert elements == slip.geometry["hand"].visuals
+    assert "lie 1.47 m beside what is seen of it" in notes[0]
+    assert "xyz and rpy exchanged" in notes[0]
+    np.testing.assert_allclose(vertices_of(slip, "hand")[0], vertices_of(meant, "hand")[0], atol=0.1)
+    assert link_surface(slip, "hand").notes == notes
+    assert link_parts(meant, "hand") == (meant.geometry["hand"].collisions, ())
+    assert link_parts(bk.Robot.from_urdf(TWO.format(place='xyz="0 0.4 0"')), "hand").notes != ()
+    assert link_parts(bk.Robot.from_urdf(TWO.format(place='xyz="0 0.25 0"')), "hand").notes == ()
+
+
+LIMB = """<link name="{name}"><inertial><mass value="1"/><origin xyz="{mass}"/></inertial>
+  <visual><geometry><mesh filename="limb.dae"/></geometry></visual></link>"""
+
+
+def limbs(folder, mass, said):
+    mesh = trimesh.creation.box(extents=(0.06, 0.4, 0.06)).apply_translation([0.0, 0.2, 0.0])
+    text = mesh.export(file_type="dae").decode()
+    assert "Y_UP" in text
+    (folder / "limb.dae").write_text(text.replace("Y_UP", said), encoding="utf-8")
+    links = "".join(LIMB.format(name=name, mass=mass) for name in "abc")
+    joints = "".join(
+        f'<joint name="{one}" type="fixed"><parent link="{one[0]}"/><child link="{one[1]}"/></joint>'
+        for one in ("ab", "ac")
+    )
+    path = folder / "r.urdf"
+    path.write_text(f'<robot name="r">{links}{joints}</robot>', encoding="utf-8")
+    return bk.Robot.from_urdf(path)
+
+
+@pytest.mark.parametrize(
+    ("mass", "said", "long_axis"),
+    [("0 0 0.2", "Y_UP", 2), ("0 0.2 0", "Y_UP", 1), ("0 0 0.2", "Z_UP", 1), ("0 0 0", "Y_UP", 1)],
+)
+def test_files_with_y_up_are_turned_where_the_masses_say_so_and_never_else(tmp_path, mass, said, long_axis):
+    ours = limbs(tmp_path, mass, said)
+    (corners,) = vertices_of(ours, "b")
+    assert np.ptp(corners, axis=0).argmax() == long_axis
+    assert corners.max() == pytest.approx(0.4)
+    seen = link_surfaces(ours)["b"].corners.reshape(-1, 3)
+    np.testing.assert_allclose(np.ptp(seen, axis=0), np.ptp(corners, axis=0), atol=1e-9)
+    found = link_surface(ours, "b")
+    np.testing.assert_allclose(found.surface[0].vertices.max(0), corners.max(0), atol=1e-9)
+    assert ("is turned" in " ".join(found.notes)) == (long_axis == 2)

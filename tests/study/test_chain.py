@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 import scipy.stats
 import xarray as xr
 
 from bodyimage_kin.errors import InvalidConfig, UnknownName
-from bodyimage_kin.study import chain, markdown_table
+from bodyimage_kin.study import chain, markdown_table, plain_numbers
 
 COUNT = 24
 ESTIMATORS = [f"e{n:02d}" for n in range(COUNT)]
@@ -135,3 +137,10 @@ def test_embodiments_stand_alone_and_nonsense_is_refused(error):
 def test_a_table_is_read_as_a_table_whatever_its_cells_say():
     found = markdown_table(["name", "a"], [["x|y", 1.5], ["two\nlines", ""]]).splitlines()
     assert found == ["| name | a |", "| --- | ---: |", "| x\\|y | 1.5 |", "| two lines |  |"]
+
+
+def test_plain_numbers_have_few_digits_and_none_where_they_are_not_finite():
+    found = plain_numbers({"a": [1.23456789, float("nan"), np.float32(2.0)], "b": (np.int64(3), "x", True, None)})
+    assert found == {"a": [1.2346, None, 2.0], "b": [3, "x", True, None]}
+    assert plain_numbers(1.23456789, 3) == 1.23
+    json.dumps(plain_numbers({"inf": np.float64("inf"), "count": np.int64(2)}), allow_nan=False)

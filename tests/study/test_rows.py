@@ -324,7 +324,7 @@ def test_learners_never_see_the_truth(done, tmp_path):
         )
         for one in (seen, use)
     ]
-    needy = ("Ensemble", "Conformal", "Given", "Saved", "Nominal")
+    needy = ("Ensemble", "Conformal", "Misinformed", "Given", "Saved", "Nominal")
     names = [name for name in bk.estimators.names() if name not in needy]
     scores = ["my_scores:LARGEST", "my_scores:SNAPSHOTS"]
     found = [

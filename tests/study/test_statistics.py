@@ -210,3 +210,17 @@ def test_what_is_fitted_is_fitted_again_to_the_units_that_were_drawn():
     assert found.lower < found.estimate < found.upper
     with pytest.raises(UnknownName, match="no unit of resampling 'bodys'; did you mean 'bodies'"):
         statistics.resampled(lambda units: 0.0, 25, "bodys")
+
+
+def test_a_ratio_of_sums_weighs_units_by_their_size_and_knows_no_unit_of_measure():
+    rng = np.random.default_rng(11)
+    size = rng.exponential(size=25)
+    wrong = size * 0.09 * rng.lognormal(sigma=0.3, size=25)
+    found = statistics.ratio_of_sums(wrong, size, resamples=500)
+    assert found.estimate == pytest.approx(np.sqrt(wrong.sum() / size.sum()))
+    assert found.lower < found.estimate < found.upper
+    scaled = statistics.ratio_of_sums(100.0 * wrong, 100.0 * size, resamples=500)
+    assert [scaled.lower, scaled.upper] == pytest.approx([found.lower, found.upper])
+    # A unit in which nothing moved and nothing was wrong says nothing.
+    silent = statistics.ratio_of_sums([*wrong, 0.0], [*size, 0.0], resamples=500)
+    assert silent.estimate == pytest.approx(found.estimate)

@@ -89,6 +89,7 @@ def test_every_estimator_survives_its_table(name, body):
     needed = {
         "Ensemble": {"spec": {"PaperMLP": {}}},
         "Conformal": {"spec": {"TrigRidge": {}}},
+        "Misinformed": {"spec": {"SelfCalibration": {}}},
         "Nominal": {"embodiment": "infant"},
         "Given": {"p": 5, "m": 2, "jacobian": "mine:jacobian"},
         "Saved": {"folder": "learned"},

@@ -10,7 +10,7 @@ import bodyimage_kin as bk
 from bodyimage_kin import metrics
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
-from bodyimage_kin.study import Simulation, Study, context, recording_of, scores, scoring
+from bodyimage_kin.study import Simulation, Study, answers, recording_of, scores, scoring
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_a_wide_probe_is_worked_off_in_parts_and_scores_the_same(done, learned, 
             return learned.jacobian(q)
 
     def score(chunk):
-        monkeypatch.setattr(context, "_CHUNK", chunk)
+        monkeypatch.setattr(answers, "_CHUNK", chunk)
         wide = {"wide": probes.JointSpace(1000)}
         return bk.score(Watched(), body, training, use, wide, tour=tour, scores=scoring.default_scores(True))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,10 +14,10 @@ import xarray as xr
 from jaxtyping import Float
 
 from bodyimage_kin._files import write_text
-from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.published.ambiguities.readings import AMBIGUITIES, Place
-from bodyimage_kin.study import failures, markdown_table
+from bodyimage_kin.study import WrongResult, markdown_table, plain_numbers
 from bodyimage_kin.study.statistics import PUBLISHED, holm, interval, sign_flip
+from bodyimage_kin.study.summary import refuse_failed
 
 __all__ = ["DRAWN", "MEASURES", "Measure", "judge", "markdown", "summarise", "write_summary"]
 
@@ -73,12 +72,7 @@ def judge(results: xr.Dataset, ambiguities: Sequence[str] = tuple(AMBIGUITIES)) 
     Raises:
         InvalidConfig: A cell failed for another reason than that its network diverged; says which, and why.
     """
-    wrong = [one for one in failures(results) if not one["failure"].startswith("WrongResult")]
-    if wrong:
-        raise InvalidConfig(
-            f"{len(wrong)} cells failed, {wrong[0]['recording']}/{wrong[0]['estimator']} first: "
-            f"{wrong[0]['failure']}; run it again with retry=True"
-        )
+    refuse_failed(results, but=WrongResult.__name__)
     measures = {name: list(AMBIGUITIES[name].measures) for name in ambiguities}
     values = {
         name: {
@@ -199,7 +193,8 @@ def _values(results: xr.Dataset, place: Place, measure: str) -> list[float | Non
 
 def _rounded(value: float) -> float | None:
     """Four digits that count."""
-    return float(f"{value:.4g}") if math.isfinite(value) and abs(value) <= _DIVERGED else None
+    found: float | None = plain_numbers(value, digits=4)
+    return found if abs(value) <= _DIVERGED else None
 
 
 def _summary(readings: Mapping[str, Any], shown: Sequence[str]) -> dict[str, Any]:

@@ -5,26 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
 
-from bodyimage_kin import metrics
 from bodyimage_kin.published.fuke2007.scores import POSTURE_SPAN
 from bodyimage_kin.study import Context, Fact, Score
-from bodyimage_kin.study.context import checked
+from bodyimage_kin.study.scores import displacement_error_along
 
 __all__ = ["FACTS", "FELT_STEPS", "LEAST_JOINT_MOTION", "SCORES", "TOUCH_DISPLACEMENT_ERROR"]
-
-
-def _touch_displacement_error(context: Context) -> Any:
-    body, use = context.body, context.use
-    assert body is not None
-    assert use is not None
-    q = torch.from_numpy(use["true_q"].values[0])
-    before, dq = q[:-1], q[1:] - q[:-1]
-    with torch.no_grad():
-        linear = (body.hand_image_jacobian(before) @ dq[..., None])[..., 0].numpy()
-        foreseen = context.learned.displacement(before, dq)
-    return metrics.displacement_error(checked("displacement while touching", foreseen, linear.shape), linear)
 
 
 def _felt_steps(context: Context) -> Any:
@@ -38,7 +24,8 @@ def _least_joint_motion(context: Context) -> Any:
 
 # Each stands by its own name, so that workers find it.
 TOUCH_DISPLACEMENT_ERROR = Score(
-    "touch_displacement_error", (), "relative error of displacements while touching", _touch_displacement_error,
+    "touch_displacement_error", (), "relative error of displacements while touching",
+    lambda context: displacement_error_along(context, context.use, "while touching"),
     needs=("body", "learned", "true_use"), source="displacement_error",
 )  # fmt: skip
 FELT_STEPS = Fact(

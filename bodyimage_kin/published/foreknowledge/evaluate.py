@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from bodyimage_kin._arrays import as_float_array
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
-from bodyimage_kin.study.statistics import NEEDED, Interval
+from bodyimage_kin.study.statistics import Interval, resampled_together
 
 __all__ = [
     "Combination",
@@ -34,7 +34,6 @@ __all__ = [
 
 Errors: TypeAlias = Any
 """(conditions, recordings) positive floats; not finite where a recording failed."""
-_LEVEL = 0.95
 
 
 @dataclass(frozen=True)
@@ -206,14 +205,12 @@ def evaluate(
         for name in recipe.of:
             if name not in features:
                 raise UnknownName("predictor", name, features)
-    enough = len(y) >= NEEDED["conditions"]
-    drawn = np.random.default_rng(seed).integers(len(y), size=(resamples if enough else 0, len(y)))
     found = {}
     for name, recipe in recipes.items():
         x = np.stack([features[one] for one in recipe.of])
         raw = features.get(name) if name in absolute else None
-        found[name] = _score(y, x, recipe.penalty, groups, raw, drawn)
-    found["mean_of_others"] = _score(y, np.ones((1, *y.shape)), 0.0, groups, None, drawn[:0])
+        found[name] = _score(y, x, recipe.penalty, groups, raw, resamples, seed)
+    found["mean_of_others"] = _score(y, np.ones((1, *y.shape)), 0.0, groups, None, 0, seed)
     return found
 
 
@@ -277,25 +274,29 @@ def _score(
     penalty: float,
     groups: Any,
     raw: Float[np.ndarray, "conditions recordings"] | None,
-    drawn: np.ndarray,
+    resamples: int,
+    seed: int,
 ) -> Score:
     predicted = leave_one_condition_out(y, x, penalty, groups)
-    means = _means(y, predicted)
     labels = np.unique(np.arange(len(y)) if groups is None else np.asarray(groups), return_inverse=True)[1]
-    again = [_of_means(y[units], x[:, units], penalty, labels[units]) for units in drawn if len(np.unique(units)) > 2]
     nothing = (float("nan"), float("nan"))
+
+    def of(units: np.ndarray) -> tuple[float, float]:
+        """R2 and slope of some conditions, calibrated anew; copies of one are left out together."""
+        if len(np.unique(units)) < 3:
+            return nothing
+        again = leave_one_condition_out(y[units], x[:, units], penalty, labels[units])
+        return _both(*_means(y[units], again))
+
+    explained, line = resampled_together(of, len(y), "conditions", resamples=resamples, seed=seed)
     return Score(
-        r2=_interval(r2(*means), [one[0] for one in again], len(y)),
-        r2_log=r2(*map(np.log, means)),
+        r2=explained,
+        r2_log=r2(*map(np.log, _means(y, predicted))),
         r2_recordings=float("nan") if _silent(y, predicted) else r2(y, predicted),
-        slope=_interval(slope(*means), [one[1] for one in again], len(y)),
+        slope=line,
         **dict(zip(("raw_r2", "raw_slope"), nothing if raw is None else _both(*_means(y, raw)), strict=True)),
         predicted=predicted,
     )
-
-
-def _of_means(y: np.ndarray, x: np.ndarray, penalty: float, groups: Any) -> tuple[float, float]:
-    return _both(*_means(y, leave_one_condition_out(y, x, penalty, groups)))
 
 
 def _both(y: np.ndarray, x: np.ndarray) -> tuple[float, float]:
@@ -307,11 +308,3 @@ def _means(y: np.ndarray, x: np.ndarray) -> tuple[Float[np.ndarray, "conditions"
     there = np.isfinite(y) & np.isfinite(x) & (not _silent(y, x))
     count = np.where(there.any(1), there.sum(1), np.nan)
     return np.where(there, y, 0.0).sum(1) / count, np.where(there, x, 0.0).sum(1) / count
-
-
-def _interval(estimate: float, again: list[float], conditions: int) -> Interval:
-    finite = np.array([value for value in again if np.isfinite(value)])
-    if len(finite) == 0:
-        return Interval(estimate, float("nan"), float("nan"), conditions, "conditions")
-    lower, upper = np.quantile(finite, [(1 - _LEVEL) / 2, (1 + _LEVEL) / 2])
-    return Interval(estimate, float(lower), float(upper), conditions, "conditions")

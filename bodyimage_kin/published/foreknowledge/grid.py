@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from bodyimage_kin import _checks
-from bodyimage_kin.estimators import LeastSquares, PaperMLP, RationalTrig
+from bodyimage_kin.estimators import LeastSquares, PaperMLP, Polynomial, RationalTrig
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.metrics.probes import Face
 from bodyimage_kin.published.foreknowledge.scores import SCORES
@@ -19,9 +19,10 @@ __all__ = ["CONDITIONS", "ESTIMATORS", "Condition", "grid"]
 ESTIMATORS: Mapping[str, Estimator] = {
     "least_squares": LeastSquares(),
     "paper_mlp": PaperMLP(hidden=10, learning_rate=0.2, steps=500),
+    "polynomial": Polynomial(degree=3),
     "rational_trig": RationalTrig(),
 }
-"""Whose errors are foretold: a constant, the paper's network, and one that models depth."""
+"""Whose errors are foretold: a constant, the paper's network, and two that model depth."""
 _TORQUE = Noise(torque=0.1)
 _STREAM = "foreknowledge"
 """All conditions are paired by seed: what they do not differ in is the same."""

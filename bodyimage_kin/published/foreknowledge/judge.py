@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,13 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Shaped
 
-from bodyimage_kin._files import write_text
+from bodyimage_kin._files import write_json
 from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.published.foreknowledge.evaluate import Combination, Score, evaluate, evaluate_by_posture
 from bodyimage_kin.published.foreknowledge.grid import CONDITIONS, ESTIMATORS, Condition
 from bodyimage_kin.published.foreknowledge.scores import PREDICTORS, predictors
 from bodyimage_kin.recordings import Noise
-from bodyimage_kin.study import failures, markdown_table
+from bodyimage_kin.study import failures, markdown_table, plain_numbers
 from bodyimage_kin.study.statistics import NEEDED, Interval
 
 __all__ = [
@@ -126,12 +125,12 @@ def judge(results: xr.Dataset, body: Any, conditions: Sequence[Condition] = COND
         "config": json.loads(results.attrs["config"]),
         "versions": json.loads(results.attrs["versions"]),
     }
-    return dict(_plain(found))
+    return dict(plain_numbers(found))
 
 
 def write_summary(found: Mapping[str, Any], path: Path) -> None:
     """Writes what was judged as JSON, atomically."""
-    write_text(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    write_json(path, found)
 
 
 def label(name: str) -> str:
@@ -197,6 +196,7 @@ def verdict(found: Mapping[str, Any], estimator: str) -> str:
 _LABELS = {
     "least_squares": "Least squares",
     "paper_mlp": "The paper's network",
+    "polynomial": "Cubic polynomial",
     "rational_trig": "Rational trigonometric",
     "posture_distance": "distance of mean postures",
     "posture_distance_seen": "distance of mean postures, in seen spreads",
@@ -267,14 +267,3 @@ def _mean(values: np.ndarray) -> np.ndarray:
     """Over the recordings that are finite; NaN without any."""
     there = np.isfinite(values)
     return np.asarray(np.where(there, values, 0.0).sum(1) / np.where(there.any(1), there.sum(1), np.nan))
-
-
-def _plain(value: Any) -> Any:
-    """Numbers to five digits, NaN as None."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return float(f"{value:.5g}") if math.isfinite(value) else None
-    return value

@@ -7,7 +7,6 @@ and the joints felt while touching, nothing else of that recording.
 from __future__ import annotations
 
 import abc
-import dataclasses
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -92,10 +91,6 @@ class Known:
         if learned is not None:
             known._learned[estimator] = learned
         return known
-
-    def about(self, estimator: Estimator) -> Known:
-        """The same, with another estimator's error to be foretold."""
-        return dataclasses.replace(self, estimator=estimator)
 
     @cached_property
     def metric(self) -> Float[np.ndarray, "p p"]:

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bodyimage_kin._files import write_text
-from bodyimage_kin.errors import InvalidConfig
+from bodyimage_kin._files import write_json
 from bodyimage_kin.published.fuke2007.blindness import FALSE_ALARMS, permuted_error, power
 from bodyimage_kin.published.fuke2007.claims import judged
 from bodyimage_kin.published.fuke2007.conditions import Conditions
 from bodyimage_kin.published.fuke2007.corruption import DOSES
 from bodyimage_kin.published.fuke2007.grid import CONDITIONS, DIRECT, ESTIMATORS, Condition
-from bodyimage_kin.study import failures
+from bodyimage_kin.study.summary import plain_numbers, refuse_failed
 
 __all__ = ["PROBES", "judge", "write_summary"]
 
@@ -50,15 +49,10 @@ def judge(results: xr.Dataset) -> dict[str, Any]:
     Raises:
         InvalidConfig: A cell failed; says which, and why.
     """
-    if wrong := failures(results):
-        one = wrong[0]
-        raise InvalidConfig(
-            f"{len(wrong)} cells failed, {one['recording']}/{one['estimator']} first: {one['failure']}; run it again "
-            "with retry=True"
-        )
+    refuse_failed(results)
     found = Conditions(results)
     return dict(
-        _without_nan(
+        plain_numbers(
             {
                 "conditions": {
                     one.name: {estimator: _scores(found, one, estimator) for estimator in ESTIMATORS}
@@ -73,14 +67,15 @@ def judge(results: xr.Dataset) -> dict[str, Any]:
                 },
                 "seeds": len(found.seeds),
                 "versions": json.loads(results.attrs["versions"]),
-            }
+            },
+            digits=None,
         )
     )
 
 
 def write_summary(found: Mapping[str, Any], path: Path) -> None:
     """Writes what was judged as JSON, atomically."""
-    write_text(path, json.dumps(found, indent=2, allow_nan=False) + "\n")
+    write_json(path, found, indent=2)
 
 
 def _scores(found: Conditions, condition: Condition, estimator: str) -> dict[str, Any]:
@@ -121,13 +116,3 @@ def _scores(found: Conditions, condition: Condition, estimator: str) -> dict[str
         "diverged_seeds": [seed for seed, there in zip(found.seeds, finite, strict=True) if not there],
         **maps,
     }
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_without_nan(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
