@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import torch
 import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array
@@ -104,8 +104,8 @@ def next_postures(
             calibrated on); None: nothing more was, and without a calibration the prior alone speaks.
         probes: Where the Jacobian is asked for.
         count: How many postures to choose.
-        candidates: (n, p) postures to choose from; None: 5,000 drawn within the joint limits. Those in which the camera
-            does not see the hand are never chosen.
+        candidates: (n, p) postures to choose from; None: 5,000 drawn within the joint limits. Those beyond the limits
+            by more than ``apart``, or in which the camera does not see the hand, are never chosen.
         prior: How far each measure may be off; None: :class:`Prior`'s defaults.
         noise: Standard deviation of the images [their unit]; None: as estimated by a calibrated body, else 0.2 mm on a
             virtual screen. Other units must say it.
@@ -134,11 +134,11 @@ def next_postures(
         estimate, known, prior or (known.prior if known else Prior()), _noise(estimate, known, noise), free
     )
     q = _candidates(estimate, candidates, seed)
-    visible = np.flatnonzero(estimate.visible(torch.from_numpy(q)).numpy())
+    far = _checks.number("apart", apart, least=0.0)
+    visible = np.flatnonzero(estimate.visible(torch.from_numpy(q)).numpy() & _within(estimate, q, far))
     at_probes = _probe_postures(estimate, probes, seen)
     A = design.importance(at_probes, _metric(metric, estimate.p))
     order = np.random.default_rng(seed).permutation(visible) if aim == "random" else visible
-    far = _checks.number("apart", apart, least=0.0)
     best, errors = design.choose(q[order], A, number, aim, far, _checks.flag("exchange", exchange))
     chosen = order[best]
     return NextPostures(q[chosen], chosen, errors, estimate.joints)
@@ -213,6 +213,13 @@ def _candidates(body: Embodiment, candidates: ArrayLike | None, seed: int) -> Fl
             f"embodiment '{body.name}': the camera sees the hand in none of {_DRAWN * _CANDIDATES} postures"
         )
     return np.concatenate(found)
+
+
+def _within(body: Embodiment, q: Float[np.ndarray, "count p"], slack: float) -> Bool[np.ndarray, "count"]:
+    """Which postures the joints reach."""
+    columns = [body.felt_robot.joint_index(name) for name in body.joints]
+    lower, upper = (limit.numpy()[columns] for limit in (body.felt_robot.lower, body.felt_robot.upper))
+    return np.asarray(((q >= lower - slack) & (q <= upper + slack)).all(axis=1))
 
 
 def _probe_postures(

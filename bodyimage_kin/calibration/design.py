@@ -169,7 +169,7 @@ class Design:
             here = np.flatnonzero(left)
             if not len(here):
                 raise InvalidConfig(
-                    f"count={count}: only {number} candidates in view are farther apart than {apart:g}; "
+                    f"count={count}: only {number} candidates in reach and in view are farther apart than {apart:g}; "
                     "give more of them"
                 )
             best = int(here[0] if aim == "random" else here[self._worth(precision, D[here], A, aim).argmax()])

@@ -112,6 +112,13 @@ def test_a_pose_that_was_recorded_twice_is_replayed_once(body, recorded):
         next_postures(body, None, ANYWHERE, len(twice), candidates=twice)
 
 
+def test_nothing_beyond_the_limits_is_chosen(body, recorded):
+    far = np.concatenate([recorded[:3] + [0.0, 0.0, 0.0, 0.0, 9.0], recorded[:3]])
+    assert sorted(next_postures(body, None, ANYWHERE, 3, candidates=far).chosen) == [3, 4, 5]
+    with pytest.raises(InvalidConfig, match="only 3 candidates in reach"):
+        next_postures(body, None, ANYWHERE, 4, candidates=far)
+
+
 def test_what_was_calibrated_before_counts_beside_what_is_seen(body, aimed):
     """Both together tell more than either; and the same images handed over twice count once."""
     first, second = (images_of(body, q) for q in (aimed.q[:5], aimed.q[5:]))
