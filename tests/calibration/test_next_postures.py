@@ -113,7 +113,7 @@ def test_a_pose_that_was_recorded_twice_is_replayed_once(body, recorded):
 
 
 def test_nothing_beyond_the_limits_is_chosen(body, recorded):
-    far = np.concatenate([recorded[:3] + [0.0, 0.0, 0.0, 0.0, 9.0], recorded[:3]])
+    far = np.concatenate([recorded[:3] + np.eye(5)[4] * 9.0, recorded[:3]])
     assert sorted(next_postures(body, None, ANYWHERE, 3, candidates=far).chosen) == [3, 4, 5]
     with pytest.raises(InvalidConfig, match="only 3 candidates in reach"):
         next_postures(body, None, ANYWHERE, 4, candidates=far)
