@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 import bodyimage_kin as bk
 from bodyimage_kin import metrics, report
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
-from bodyimage_kin.study import Simulation, Study, blocks, recording_of
+from bodyimage_kin.study import Simulation, Study, recording_of
 from bodyimage_kin.study.doubt import DOUBT
+from bodyimage_kin.study.random_streams import stream
 
 ON_MAP = [one.name for one in DOUBT if one.name.startswith("map_")]
 DRAWS = 12
@@ -88,14 +90,14 @@ def test_doubt_about_the_map_is_that_of_the_public_functions(run, body):
     """Functions are drawn, integrated and mapped, and held against the true Jacobian's map, integrated alike."""
     done, store = run
     training, touch = (bk.experience(recording_of(store, "still", 0, role)) for role in ("training", "use"))
-    som_seed, first = blocks.stream(0, "infant/still/0/first maps", 2)
+    som_seed, first = stream(0, "infant/still/0/first maps", 2)
     q, seen = touch["q"].values[0][touch["touched"].values[0, :, 0] >= 0], training["hand_image"].values.reshape(-1, 2)
     settings = {
         "posture_som": bk.body_image.PostureSOM.fit(q, (8, 8), som_seed),
         "image_range": np.stack([seen.min(0), seen.max(0)], axis=1),
         "seed": first,
     }
-    (fit_seed,) = blocks.stream(0, "infant/still/0/doubting", 1)
+    (fit_seed,) = stream(0, "infant/still/0/doubting", 1)
     drawn = bk.estimators.Ridge().fit(training, fit_seed).draws(DRAWS, fit_seed)
     maps = bk.BodyImageDraws.learn(touch, bk.integrate_draws(touch, drawn), **settings)
     truth = bk.integrate(touch, bk.estimators.Analytic(body).fit(training))
@@ -112,6 +114,6 @@ def test_doubt_about_the_map_is_that_of_the_public_functions(run, body):
 
 
 def test_a_page_shows_them(done, tmp_path):
-    text = report.write(done, tmp_path / "page.html").read_text()
+    text = html.unescape(report.write(done, tmp_path / "page.html").read_text())
     for name in ("relative_error_foretold", "coverage_90", "map_coverage_90", "map_crps"):
         assert done[name].attrs["long_name"] in text, name
