@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +29,19 @@ drawn = [
 ]
 print(json.dumps(drawn))
 """
+# Makes the notebook that the documentation offers for download, and runs it, a kernel of its own, cell by cell.
+NOTEBOOK = """
+import pathlib, sys
+import nbformat
+from nbclient import NotebookClient
+from sphinx_gallery.notebook import python_to_jupyter_cli
+script = pathlib.Path(sys.argv[1])
+python_to_jupyter_cli([str(script)])
+notebook = nbformat.read(script.with_suffix(".ipynb"), 4)
+where = {"metadata": {"path": str(script.parent)}}
+NotebookClient(notebook, timeout=600, kernel_name="python3", resources=where).execute()
+nbformat.write(notebook, script.with_suffix(".ipynb"))
+"""
 
 
 def test_examples_are_numbered_without_holes():
@@ -50,6 +64,31 @@ def test_an_example_is_a_notebook_too(path):
     for cell in cells:
         compile(cell, path.name, "exec")
     assert blocks[0][0] == "text", "it begins with what it is about"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs_as_a_notebook(path, tmp_path):
+    for module in ("nbclient", "ipykernel", "sphinx_gallery"):
+        pytest.importorskip(module, reason=f"{module} is not installed")
+    script = shutil.copy(path, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", NOTEBOOK, script],
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    notebook = json.loads((tmp_path / f"{path.stem}.ipynb").read_text(encoding="utf-8"))
+    outputs = [one for cell in notebook["cells"] for one in cell.get("outputs", ())]
+    printed = ["".join(one["text"]) for one in outputs if one["output_type"] == "stream"]
+    shown = [one["data"] for one in outputs if one["output_type"] in ("display_data", "execute_result")]
+    assert not [one for one in outputs if one.get("name") == "stderr"]
+    assert printed
+    assert any("image/png" in one for one in shown)
+    # Nothing dumps arrays: what a cell ends with is shown in a few lines.
+    assert all(len("".join(one["text/plain"])) < 600 for one in shown)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

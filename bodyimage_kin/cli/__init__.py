@@ -112,6 +112,11 @@ def _parsed(given: list[str]) -> Command:
     if given and given[0] in _COMMANDS:
         kind: Any = _COMMANDS[given[0]]
         name = f"bodyimage-kin {given[0]}"
+        if kind is Embodiment and given[1:2] and given[1] in Embodiment.ACTIONS:
+            # With examples of its own, which the help of a subcommand would not have.
+            action: Any = Embodiment.ACTIONS[given[1]]
+            described, name = _described(action), f"{name} {given[1]}"
+            return Embodiment(tyro.cli(action, prog=name, description=described, args=given[2:], config=config))
         return tyro.cli(kind, prog=name, description=_described(kind), args=given[1:], config=config)
     # Help, completion in a shell, and names that are none.
     kinds = tuple(

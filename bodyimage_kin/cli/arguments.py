@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 import contextlib
 import json
+import math
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -28,6 +29,7 @@ __all__ = [
     "MaybeNumber",
     "Names",
     "Seed",
+    "finite",
     "free",
     "pairs",
     "print_json",
@@ -125,6 +127,11 @@ def free(path: Path, overwrite: bool) -> Path:
     if not path.parent.is_dir():
         raise OutputRefused(f"there is no folder '{path.parent}'; make it, or name another")
     return path
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON has it: none where there is none."""
+    return float(value) if math.isfinite(value) else None
 
 
 def print_json(values: Mapping[str, Any]) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -21,11 +22,16 @@ __all__ = ["Embodiment"]
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Command):
     """Say in seconds what cannot work with an embodiment, before anything is computed.
 
     Exit status 1 when there is an error; notes are no errors.
     """
+
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "bodyimage-kin embodiment check my.toml --paper",
+        "bodyimage-kin embodiment check my.toml --mesh-folder meshes --json",
+    )
 
     file: Annotated[str, Positional, arg(metavar="NAME|TOML")]
     """Name of an embodiment, or path of a TOML file."""
@@ -48,12 +54,17 @@ class Check:
 
 
 @dataclass(frozen=True)
-class New:
+class New(Command):
     """Propose an embodiment of a robot: joints, hand, eye, skin and home, and why each; with a picture beside it.
 
     What is proposed is the paper's experiment: a hand that is seen in front of the face, and never while it touches.
     The file is a beginning, to be changed by hand. Exit status 1 when something keeps the experiment from working.
     """
+
+    EXAMPLES: ClassVar[tuple[str, ...]] = (
+        "bodyimage-kin embodiment new robot.urdf --hand left_hand -o my.toml",
+        "bodyimage-kin embodiment new robot.urdf --hand tool0 --camera wrist_camera --mesh-folder meshes -o my.toml",
+    )
 
     robot: Annotated[Path, Positional, arg(metavar="URDF")]
     """The robot."""
@@ -120,7 +131,7 @@ class New:
                 pictures=True,
             )
         except BodyImageKinError as problem:
-            print(f"no picture: {problem}")
+            print(f"no picture: {problem}", file=sys.stderr if self.json else sys.stdout)
             return
         with atomic_path(self.out.with_suffix(".png")) as temporary:
             figure.savefig(temporary, dpi=150, format="png")
@@ -130,11 +141,8 @@ class New:
 class Embodiment(Command):
     """Propose an embodiment of a robot (new), or say what cannot work with one (check)."""
 
-    EXAMPLES: ClassVar[tuple[str, ...]] = (
-        "bodyimage-kin embodiment new robot.urdf --hand left_hand -o my.toml",
-        "bodyimage-kin embodiment check my.toml --paper",
-        "bodyimage-kin embodiment check my.toml --mesh-folder meshes",
-    )
+    EXAMPLES: ClassVar[tuple[str, ...]] = (New.EXAMPLES[0], *Check.EXAMPLES)
+    ACTIONS: ClassVar[Mapping[str, type[Command]]] = {"new": New, "check": Check}
 
     action: (
         Annotated[Check, tyro.conf.subcommand("check", prefix_name=False)]

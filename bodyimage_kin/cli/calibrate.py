@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 from tyro.conf import Positional, arg
 
 from bodyimage_kin.cli._reading import Reading, heard
-from bodyimage_kin.cli.arguments import Folder, MaybeNumber, Names
+from bodyimage_kin.cli.arguments import Flag, Folder, MaybeNumber, Names, finite, print_json
 from bodyimage_kin.errors import InvalidConfig
 
 __all__ = ["Calibrate"]
@@ -43,6 +43,8 @@ class Calibrate(Reading):
     """How far each joint may be shifted [m], standard deviation; 0.005 by default."""
     folds: Annotated[int, arg(metavar="N")] = 5
     """Parts that are hidden in turn to judge, where the recording has no blocks of its own."""
+    json: Flag = False
+    """The verdict as JSON, for a machine."""
 
     def __call__(self) -> int:
         """Runs it."""
@@ -77,6 +79,21 @@ class Calibrate(Reading):
             write_text(folder / "body.toml", found.body.to_toml("robot.urdf"))
         write_text(folder / "measures.csv", found.to_csv())
         page = report.write_calibration(found, folder / "report.html", said=said)
+        if self.json:
+            medians = zip(found.labels, found.units, found.held_out.medians, found.nominal.medians, strict=True)
+            print_json(
+                {
+                    "page": str(page),
+                    "explains": found.explains,
+                    "verdict": found.verdict,
+                    "notes": list(said),
+                    "held_out": {
+                        name: {"unit": unit, "found": finite(new), "drawn": finite(old)}
+                        for name, unit, new, old in medians
+                    },
+                }
+            )
+            return int(not found.explains)
         print(found.verdict)
         print(page)
         return int(not found.explains)

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from tyro.conf import arg
 
 from bodyimage_kin.cli._reading import Reading, heard
-from bodyimage_kin.cli.arguments import Folder, MaybeFile, MaybeNumber, Seed
+from bodyimage_kin.cli.arguments import Flag, Folder, MaybeFile, MaybeNumber, Seed, print_json
 
 __all__ = ["Next"]
 
@@ -46,6 +46,8 @@ class Next(Reading):
     """Of the candidates that are drawn."""
     out: Folder = Path("next")
     """Folder for the results."""
+    json: Flag = False
+    """The postures as JSON, for a machine."""
 
     def __call__(self) -> int:
         """Runs it."""
@@ -75,6 +77,11 @@ class Next(Reading):
         write_text(folder / "postures.csv", chosen.to_csv())
         names = ["on_face" if at == "face" else "joint_space"]
         page = report.write_next_postures(chosen, body, names, folder / "report.html", said=said)
+        if self.json:
+            expected = [float(one) for one in chosen.predicted_error]
+            postures = chosen.q.tolist()
+            print_json({"page": str(page), "joints": list(body.joints), "q": postures, "expected_error": expected})
+            return 0
         first, last = chosen.predicted_error[0], chosen.predicted_error[-1]
         print(f"expected error {100 * first:.3g} % -> {100 * last:.3g} % after {len(chosen.q)} postures")
         print(page)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tyro.conf import Positional, arg
 
 from bodyimage_kin.cli._reading import Reading, heard
-from bodyimage_kin.cli.arguments import File, MaybeEmbodiment, MaybeNumber, Names, Seed
+from bodyimage_kin.cli.arguments import File, Flag, MaybeEmbodiment, MaybeNumber, Names, Seed, finite, print_json
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,6 +64,8 @@ class Score(Reading):
     """Of whatever is drawn at random."""
     out: File = Path("scores.html")
     """The page."""
+    json: Flag = False
+    """The errors as JSON, for a machine."""
 
     def __call__(self) -> int:
         """Runs it; exit status 1 when nothing could learn."""
@@ -92,11 +95,32 @@ class Score(Reading):
                 against = _against(specs, rows, exp, calibrated, self.seed)
         page = report.write_scores(rows, self.out, against=against, verdict=verdict, said=said)
         errors = rows["pair_error_relative"]
-        for name in rows["estimator"].values[np.argsort(np.nan_to_num(errors.values, nan=np.inf), kind="stable")]:
+        order = rows["estimator"].values[np.argsort(np.nan_to_num(errors.values, nan=np.inf), kind="stable")]
+        status = int(not np.isfinite(errors.values).any())
+        if self.json:
+            print_json(
+                {"page": str(page), "verdict": verdict, "notes": list(said), "estimators": _numbers(rows, order)}
+            )
+            return status
+        for name in order:
             why = str(rows["failure"].sel(estimator=name).item())
             print(f"{name}: {why}" if why else f"{name}: {100 * float(errors.sel(estimator=name)):.3g} % of the motion")
         print(page)
-        return int(not np.isfinite(errors.values).any())
+        return status
+
+
+def _numbers(rows: xr.Dataset, order: Iterable[str]) -> dict[str, Any]:
+    """Errors of hidden motions over the motions, with their interval, the best first."""
+    found: dict[str, Any] = {}
+    for name in map(str, order):
+        of = rows.sel(estimator=name)
+        error = {part: finite(float(of[f"pair_error_relative{part}"])) for part in ("", "_lower", "_upper")}
+        found[name] = {
+            "relative_error": error[""],
+            "interval": [error["_lower"], error["_upper"]],
+            "failure": str(of["failure"].item()),
+        }
+    return found
 
 
 def _tell(what: str) -> None:

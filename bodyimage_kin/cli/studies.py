@@ -132,7 +132,7 @@ class Report(Command):
     atlas: MaybeName = None
     """Estimator whose error is drawn taxel by taxel."""
     publish: MaybeFolder = None
-    """Folder for results.json, table.md and a figure, small enough to be kept."""
+    """Folder for results.json, the table (Markdown, LaTeX) and the figure (SVG, PNG, CSV), small enough to be kept."""
     into: MaybeFolder = None
     """Folder for results.nc and report.html; by default the study's."""
 

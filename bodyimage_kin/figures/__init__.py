@@ -24,6 +24,7 @@ from bodyimage_kin.figures._layout import row as row
 from bodyimage_kin.figures._maps import learning as learning
 from bodyimage_kin.figures._maps import posture_map as posture_map
 from bodyimage_kin.figures._maps import tactile_map as tactile_map
+from bodyimage_kin.figures._marks import decades as decades
 from bodyimage_kin.figures._paths import trajectories as trajectories
 from bodyimage_kin.figures._paths import velocities as velocities
 from bodyimage_kin.figures._recording import recording as recording
@@ -49,6 +50,7 @@ __all__ = [
     "DOUBLE_COLUMN",
     "SINGLE_COLUMN",
     "attribution",
+    "decades",
     "dose_response",
     "drawn",
     "error_by_distance",

@@ -62,7 +62,8 @@ def errors(
     order = medians["median"].sel(probe=last).fillna(np.inf).argsort().values[::-1]
     one = medians.isel(estimator=order)
     heights = np.arange(one.sizes["estimator"], dtype=float)
-    inside = np.clip(one["median"].values[np.isfinite(one["median"].values)], _LEAST, _MOST)
+    drawn_there = np.stack([one[name].values for name in ("median", "lower", "upper")])
+    inside = np.clip(drawn_there[np.isfinite(drawn_there)], _LEAST, _MOST)
     low, high = (float(inside.min()), float(inside.max())) if inside.size else (1.0, 1.0)
     with drawing_on(ax, height=0.9 + 0.16 * len(heights)) as axes:
         if any(other.has_data() for other in axes.get_shared_x_axes().get_siblings(axes) if other is not axes):

@@ -79,7 +79,7 @@ def decades(axes: Axes, which: str, values: Sequence[float] | np.ndarray) -> Non
 
     Args:
         axes: Of the panel.
-        which: ``"x"`` or ``"y"``.
+        which: ``"x"`` or ``"y"``, the axis.
         values: What is drawn along it; what is not positive has no place there.
     """
     there = np.asarray(values, dtype=float)

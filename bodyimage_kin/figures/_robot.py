@@ -15,7 +15,7 @@ from bodyimage_kin._arrays import ArrayLike, as_postures
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.figures._images import shaped
 from bodyimage_kin.figures._layout import DOUBLE_COLUMN, drawing_on
-from bodyimage_kin.figures._marks import bare, dots, halo, scale_bar
+from bodyimage_kin.figures._marks import UNLISTED, bare, dots, halo, scale_bar
 from bodyimage_kin.figures._rasteriser import draw_surface, on_white, render
 from bodyimage_kin.figures._style import landmark_look
 from bodyimage_kin.figures._views import (
@@ -167,10 +167,15 @@ def postures(body: Embodiment, postures: ArrayLike, ax: Axes | None = None) -> A
             extent=(0, columns * width, rows * height, 0),
             interpolation="none",
         )
+        across, down = (np.arange(columns) + 0.5) * width, (np.arange(rows) + 0.5) * height
+        places = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+        for joint, angles in zip(body.joints, each.T, strict=True):
+            # Not seen, but the values of the drawing.
+            axes.scatter(places[:, 0], places[:, 1], c=angles, visible=False, label=UNLISTED + drawn(joint))
         strip = 0.09 * height
         axes.set(ylim=(rows * height + 2.4 * strip, 0), xlabel="column of the map", ylabel="row of the map")
-        axes.set_xticks((np.arange(columns) + 0.5) * width, [f"{column + 1}" for column in range(columns)])
-        axes.set_yticks((np.arange(rows) + 0.5) * height, [f"{row + 1}" for row in range(rows)])
+        axes.set_xticks(across, [f"{column + 1}" for column in range(columns)])
+        axes.set_yticks(down, [f"{row + 1}" for row in range(rows)])
         axes.tick_params(length=0, top=True, labeltop=True, bottom=False, labelbottom=False)
         axes.xaxis.set_label_position("top")
         axes.spines[:].set_visible(False)
@@ -237,7 +242,7 @@ def _joint_axes(axes: Axes, body: Embodiment, view: View, window: Window, *, nam
         felt[joint.name] = place
         ends = project(origin + np.outer([-0.05 * tall, 0.05 * tall], along), view)[0]
         axes.plot(*ends.T, color=_FELT, linewidth=1.1, solid_capstyle="butt", zorder=4)
-        axes.plot(*place, "o", color=_FELT, markersize=3.6, zorder=5)
+        axes.plot(*place, "o", color=_FELT, markersize=3.6, zorder=5, label=UNLISTED + drawn(joint.name))
     if not named:
         return
     x, step = window[1] + 0.02 * tall, 0.055 * tall

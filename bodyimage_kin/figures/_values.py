@@ -198,9 +198,10 @@ def _named(axis: Any, value: float) -> Any:
     locator, formatter = axis.get_major_locator(), axis.get_major_formatter()
     if isinstance(locator, FixedLocator) and isinstance(formatter, FuncFormatter):
         places = axis.get_majorticklocs()
-        for place, name in zip(places, formatter.format_ticks(places), strict=True):
-            if name and abs(place - value) < 0.5:
-                return _plain(name)
+        nearest = int(np.argmin(np.abs(places - value))) if len(places) else 0
+        name = formatter.format_ticks(places)[nearest] if len(places) else ""
+        if name and abs(places[nearest] - value) < 0.5:
+            return _plain(name)
     return value
 
 

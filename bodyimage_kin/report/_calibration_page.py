@@ -78,6 +78,7 @@ def _picture(calibrated: Calibrated) -> Picture:
         )
         for index, axes in enumerate(grid[0]):
             factor, unit = (1e3, "mm") if calibrated.units[index] == "m" else (1.0, calibrated.units[index])
+            drawn = []
             for of, name, look in (
                 (calibrated.nominal, "as it was drawn", {"color": "0.55", "linestyle": (0, (4, 1.5))}),
                 (calibrated.held_out, "calibrated", {"color": "#c2407e", "linestyle": "-", "linewidth": 1.6}),
@@ -85,9 +86,9 @@ def _picture(calibrated: Calibrated) -> Picture:
                 errors = np.sort(factor * of.errors[index])
                 shares = 100 * (np.arange(len(errors)) + 1) / len(errors)
                 kept = np.unique(np.linspace(0, len(errors) - 1, min(len(errors), 300)).astype(int))
-                axes.plot(np.maximum(errors[kept], 1e-9), shares[kept], label=name, **look)
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter("{x:g}")
+                drawn.append(np.maximum(errors[kept], 1e-9))
+                axes.plot(drawn[-1], shares[kept], label=name, **look)
+            figures.decades(axes, "x", np.concatenate(drawn))
             axes.set(xlabel=f"error [{unit}]", ylabel="observations below it [%]", ylim=(0, 101))
             axes.set_title(labels[index])
         figures.legend(figure)

@@ -188,7 +188,7 @@ def pictures_of(run: Run) -> list[Picture]:
             "attribution",
             partial(_attribution, run),
             "Why it is wrong on the face",
-            "The squared relative error in the unit metric of the touching motion, as a sum of four parts.",
+            "The squared relative error in the metric of the touching motion, as a sum of four parts.",
         ),
         Picture(
             "dose_response",
@@ -319,7 +319,7 @@ def _there(values: Float[np.ndarray, "seed posture"]) -> Float[np.ndarray, "ther
 def _attribution(run: Run) -> Figure:
     parts = [str(part) for part in run.results["part"].values]
     figure, grid = figures.panels(2, 3, height=3.1, sharex=True, sharey=True)
-    for axes, condition in zip(grid.flat, CONDITIONS, strict=False):
+    for index, (axes, condition) in enumerate(zip(grid.flat, CONDITIONS, strict=False)):
         of = {
             name: run.found.score(condition.name, name, "attribution", probe="on_face").mean(0)
             for name in ("paper_mlp", "least_squares", "least_squares_scaled")
@@ -327,7 +327,12 @@ def _attribution(run: Run) -> Figure:
         means = {name: dict(zip(parts, values.tolist(), strict=True)) for name, values in of.items()}
         figures.attribution(means, axes)
         axes.set_title(figures.drawn(condition.name))
+        below = axes.get_xlabel()
         axes.label_outer()
+        if index + grid.shape[1] >= len(CONDITIONS):
+            # The lowest of its column, though not of the figure.
+            axes.set_xlabel(below)
+            axes.tick_params(labelbottom=True)
     for axes in grid.flat[len(CONDITIONS) :]:
         axes.remove()
     figures.letters(grid.flat[: len(CONDITIONS)])

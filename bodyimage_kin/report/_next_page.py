@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from bodyimage_kin import figures
 from bodyimage_kin.body import Embodiment
@@ -56,10 +55,7 @@ def _picture(chosen: NextPostures, where: str) -> Picture:
         figure, grid = figures.panels(1, 1, height=2.4, width=figures.SINGLE_COLUMN)
         axes = grid[0, 0]
         axes.plot(np.arange(len(chosen.predicted_error)), 100 * chosen.predicted_error, color="#c2407e", marker="o")
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        figures.decades(axes, "y", 100 * chosen.predicted_error)
         axes.set(xlabel="postures looked at", ylabel="expected error [%]")
         axes.xaxis.get_major_locator().set_params(integer=True)
         return figure

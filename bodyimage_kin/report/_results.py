@@ -77,17 +77,19 @@ def ranking(results: xr.Dataset, medians: xr.Dataset, columns: int) -> Figure:
         columns: Panels in a row at the most.
     """
     places = [(e, r) for e in names_of(medians, "embodiment") for r in names_of(medians, "recording")]
-    columns = min(columns, len(places))
-    rows = math.ceil(len(places) / columns)
-    height = 0.5 + rows * (0.6 + 0.16 * medians.sizes["estimator"])
-    figure, grid = figures.panels(rows, columns, height=height, sharex=True)
-    xlabel = "relative error of the Jacobian" if columns < 3 else "relative error"
-    for axes, (embodiment, recording) in zip(grid.flat, places, strict=False):
+    panels = []
+    for embodiment, recording in places:
         at = {"embodiment": embodiment, "recording": recording}
         there = [
             name for name in names_of(medians, "estimator") if asked(results.sel(at | {"estimator": name}), [HEADLINE])
         ]
-        one = medians.sel(at | {"estimator": there})
+        panels.append(medians.sel(at | {"estimator": there}))
+    columns = min(columns, len(places))
+    rows = math.ceil(len(places) / columns)
+    height = 0.5 + rows * (0.6 + 0.16 * max(one.sizes["estimator"] for one in panels))
+    figure, grid = figures.panels(rows, columns, height=height, sharex=True)
+    xlabel = "relative error of the Jacobian" if columns < 3 else "relative error"
+    for axes, (embodiment, recording), one in zip(grid.flat, places, panels, strict=False):
         figures.errors(one, axes, ranked_at=probe_of_use(results), xlabel=xlabel)
         axes.set_title(figures.drawn(place_of(results, embodiment, recording)))
         axes.tick_params(labelbottom=True)

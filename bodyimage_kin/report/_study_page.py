@@ -18,24 +18,12 @@ from bodyimage_kin import figures
 from bodyimage_kin.errors import InvalidConfig, UnknownName
 from bodyimage_kin.report import _study_maps
 from bodyimage_kin.report._page import Picture, csv_of, inlined, labels_of, write_page
-from bodyimage_kin.report._results import (
-    HEADLINE,
-    Interval,
-    errs,
-    intervals_of,
-    learned,
-    names_of,
-    place_of,
-    probe_of_use,
-    ranking,
-    title_of,
-)
+from bodyimage_kin.report._results import HEADLINE, errs, learned, names_of, place_of, probe_of_use, ranking
+from bodyimage_kin.report._study_tables import comparison_with, judged_by_hidden, tables
 from bodyimage_kin.study import summary
 from bodyimage_kin.study.scores import PARTS
 from bodyimage_kin.study.statistics import PUBLISHED
 
-_HIDDEN = "pair_error_relative"
-"""The score by which estimators are ordered where no truth is known."""
 _TOGETHER = 6
 """Estimators that one panel can tell apart."""
 _ATLAS = {
@@ -65,14 +53,14 @@ def write(
     results = _computed(results)
     medians = {score: summary.summarise(results, score) for score in _scores(results)}
     with figures.labelled(labels_of(results, labels)):
-        comparison = _comparison(results, baseline)
+        comparison = comparison_with(results, baseline)
         write_page(
             path,
             "study.html",
             sentences=_sentences(results, medians),
             probe=probe_of_use(results),
-            held_out=_judged_by_hidden(medians),
-            tables=_tables(results, medians, comparison),
+            held_out=judged_by_hidden(medians),
+            tables=tables(results, medians, comparison),
             comparison=comparison,
             failures=summary.failures(results),
             left_out=_left_out(results),
@@ -134,7 +122,7 @@ def _sentences(results: xr.Dataset, medians: Mapping[str, xr.Dataset]) -> list[s
         f"{_many(sizes['embodiment'], 'body', 'bodies')}); "
         + (
             "each is asked for the motion between neighbouring postures of a part that was hidden from it."
-            if _judged_by_hidden(medians)
+            if judged_by_hidden(medians)
             else "each learned Jacobian is held against the true one, also where the hand was never seen."
         )
     ]
@@ -152,74 +140,6 @@ def _sentences(results: xr.Dataset, medians: Mapping[str, xr.Dataset]) -> list[s
     count = int((results["failure"] != "").sum())
     said.append(f"{_many(count, 'fit')} of {results['failure'].size} failed." if count else "No fit failed.")
     return said
-
-
-def _tables(
-    results: xr.Dataset, medians: Mapping[str, xr.Dataset], comparison: Mapping[str, Any] | None
-) -> list[dict[str, Any]]:
-    """For each embodiment and recording: estimators ranked, and all their other scores."""
-    found = []
-    for embodiment in names_of(results, "embodiment"):
-        for recording in names_of(results, "recording"):
-            at = {"embodiment": embodiment, "recording": recording}
-            ranked = _ranked(medians[HEADLINE].sel(at), probe_of_use(results)) if HEADLINE in medians else []
-            order = [name for name, _ in ranked]
-            if not order and _judged_by_hidden(medians):
-                order = [name for name, _ in _ranked(medians[_HIDDEN].sel(at))]
-            order = order or names_of(results, "estimator")
-            found.append(
-                {
-                    "place": place_of(results, embodiment, recording),
-                    "probes": names_of(results, "probe"),
-                    "ranked": ranked,
-                    "ratios": comparison["ratios"].get(recording, {}) if comparison else {},
-                    "by_probe": [
-                        (title_of(results, score), _rows(one.sel(at), order))
-                        for score, one in medians.items()
-                        if "probe" in one.dims and score != HEADLINE
-                    ],
-                    "alone": [
-                        (title_of(results, score), dict(_rows(one.sel(at), order)))
-                        for score, one in medians.items()
-                        if "probe" not in one.dims
-                    ],
-                    "order": order,
-                }
-            )
-    return found
-
-
-def _judged_by_hidden(medians: Mapping[str, xr.Dataset]) -> bool:
-    """Whether no truth is known, and errors are those of motions that were hidden."""
-    return HEADLINE not in medians and _HIDDEN in medians
-
-
-def _ranked(medians: xr.Dataset, probe: str | None = None) -> list[tuple[str, list[Interval]]]:
-    middle = medians["median"] if probe is None else medians["median"].sel(probe=probe)
-    order = middle.fillna(np.inf).argsort().values
-    return _rows(medians, [names_of(medians, "estimator")[index] for index in order])
-
-
-def _rows(medians: xr.Dataset, order: Sequence[str]) -> list[tuple[str, list[Interval]]]:
-    return [(name, intervals_of(medians.sel(estimator=name))) for name in order]
-
-
-def _comparison(results: xr.Dataset, baseline: str | None) -> dict[str, Any] | None:
-    """Every estimator against the baseline where they are used, of those that are not the truth itself."""
-    names = learned(results)
-    baseline = baseline or (names[0] if names else "")
-    if HEADLINE not in results or baseline not in names or len(names) < 2:
-        return None
-    # One family, that of a published table: of what is not shown nothing is adjusted for.
-    at_use = summary.compare(results.sel(estimator=names, probe=probe_of_use(results)), HEADLINE, baseline)
-    ratios = {
-        recording: {
-            name: {key: float(at_use[key].sel(estimator=name, recording=recording)) for key in at_use.data_vars}
-            for name in names_of(at_use, "estimator")
-        }
-        for recording in names_of(at_use, "recording")
-    }
-    return {"baseline": baseline, "ratios": ratios, "family": at_use.attrs["family"]}
 
 
 def _excitation(results: xr.Dataset) -> list[tuple[str, list[float]]]:

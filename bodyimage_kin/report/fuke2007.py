@@ -158,8 +158,9 @@ def _sentences(run: Run, summary: Mapping[str, Any]) -> list[str]:
     count = run.body.require_skin().count
     order = f"{wrong:.1f} of {count} taxels out of order" if wrong >= 0.05 else "no taxel out of order"
     idle = sum(claim["met"] and claim["cannot_fail"] for claim in paper)
+    holding = sum(claim["holds"] for claim in paper)
     verdict = (
-        f"{sum(claim['holds'] for claim in paper)} of the paper's {len(paper)} claims hold by criteria written "
+        f"{holding} of the paper's {len(paper)} claims {'holds' if holding == 1 else 'hold'} by criteria written "
         f"beforehand; {idle} more are met by spoiled truths too, and so say nothing. "
         if paper
         else ""

@@ -91,6 +91,7 @@ class Page:
                     for slider, value in zip(self.joints, moment.q, strict=True):
                         slider.value = float(np.clip(np.nan_to_num(value), slider.min, slider.max))
             self._drawing.show(moment)
+            self._drawing.ghosts.visible = self.ghosts.value
             self.words.content = "\n\n".join([*moment.says, *self.scene.notes])
 
     # Inner -----------------------------------------------------------------------------------------------------------
@@ -105,6 +106,7 @@ class Page:
         self.time: Any = gui.add_slider("time", 0, 1, 1, 0)
         self.estimator: Any = gui.add_dropdown("estimator", [_NONE, *scene.estimators], initial_value=_NONE)
         self.colouring = gui.add_dropdown("skin", list(scene.colourings), initial_value="touches")
+        self.ghosts: Any = gui.add_checkbox("next postures", True, visible=len(scene.q_ghosts) > 0)
         self.words = gui.add_markdown("")
         with gui.add_folder("joints"):
             felt = scene.body.felt_robot
@@ -121,6 +123,7 @@ class Page:
         self.trial.on_update(lambda _: self._changed(lengths=True))
         for handle in (self.time, self.estimator, self.colouring):
             handle.on_update(lambda _: self._changed())
+        self.ghosts.on_update(lambda _: self._changed())
         for slider in self.joints:
             slider.on_update(lambda _: self._moved())
 
@@ -217,6 +220,7 @@ class _Drawing:
             for name, colour in lines.items()
         }
         self.edges = _edges(scene)
+        self.ghosts: Any = add.add_frame("/ghosts", show_axes=False)
         self._ghosts()
 
     def show(self, moment: Moment) -> None:

@@ -17,21 +17,18 @@ from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin._shown import Shown
 from bodyimage_kin.backends import kinematics
 from bodyimage_kin.body.embodiment import Embodiment
-from bodyimage_kin.body_image import BodyImage, integrate
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, InvalidGeometry, UnknownName
-from bodyimage_kin.estimators import Estimator, HasDisplacement, Learned, Uncertain
+from bodyimage_kin.estimators import Learned, Uncertain
 from bodyimage_kin.figures.visuals import Surface, link_surfaces
-from bodyimage_kin.recordings import experience
 from bodyimage_kin.recordings.schema import align, first_taxel, is_scattered
 from bodyimage_kin.robot.geometry import LinkGeometry
+from bodyimage_kin.view._followers import Followed, Followers
+from bodyimage_kin.view._followers import Teacher as Teacher
 from bodyimage_kin.view._sight import Sight
 
 __all__ = ["Moment", "Scene", "Teacher"]
 
 Points: TypeAlias = Float[np.ndarray, "_ 3"]
-Teacher: TypeAlias = "Estimator | HasDisplacement"
-_SNAPSHOTS = 60
-"""Of a map that grows."""
 _BALL = 0.15
 """Share of the picture's size that the true Jacobian's longer half axis takes."""
 
@@ -73,18 +70,6 @@ class Moment(Shown):
     touched: tuple[int, ...]
     values: Float[np.ndarray, "taxels"]
     says: tuple[str, ...]
-
-
-@dataclass(eq=False)
-class _Kept:
-    """What was computed of one recording with one estimator."""
-
-    learned: HasDisplacement | None
-    estimate: Float[np.ndarray, "time m"]
-    begins: Int[np.ndarray, "time"]
-    maps: Float[np.ndarray, "snapshots rows columns m"] | None = None
-    steps: Int[np.ndarray, "snapshots"] | None = None
-    problem: str = ""
 
 
 @dataclass(eq=False)
@@ -130,8 +115,7 @@ class Scene(Shown):
         self._moved = [name for name in self.surfaces if self._is_moved(name)]
         rest = [name for name in self.surfaces if name not in self._moved]
         self._still = {name: self._kinematics.pose(self.body.home, name).numpy() for name in rest}
-        self._kept: dict[tuple[str, str, int], _Kept] = {}
-        self._learned: dict[tuple[str, str], HasDisplacement] = {}
+        self._followers = Followers(self.body, self.recordings, self.estimators, self.learn_from)
         home = self.body.felt_home
         self.sight = Sight(self.body.camera, float(self.body.hand_in_camera(home)[2]), self._images())
         self.q_ghosts = np.empty((0, self.body.p))
@@ -196,7 +180,7 @@ class Scene(Shown):
         felt = np.asarray(as_float_array(q, "q", shapes=((self.body.p,),)))
         kept = None
         if estimator:
-            kept = self._of(recording or next(iter(self.recordings), ""), estimator, 0, path=False)
+            kept = self._followers.learned(recording or next(iter(self.recordings), ""), estimator)
         return self._moment(felt, kept, colouring)
 
     def moment(
@@ -216,7 +200,7 @@ class Scene(Shown):
         """
         of = self._recording(recording)
         index = int(np.clip(index, 0, max(self.samples(recording, trial) - 1, 0)))
-        kept = self._of(recording, estimator, trial) if estimator else None
+        kept = self._followers.followed(recording, estimator, trial) if estimator else None
         felt = of["q"].values[trial, index]
         return self._moment(felt, kept, colouring, (of, trial, index))
 
@@ -229,7 +213,7 @@ class Scene(Shown):
     def _moment(
         self,
         q: Float[np.ndarray, "p"],
-        kept: _Kept | None,
+        kept: Followed | None,
         colouring: str,
         at: tuple[xr.Dataset, int, int] | None = None,
     ) -> Moment:
@@ -295,7 +279,7 @@ class Scene(Shown):
         return self.body.hand_position(felt, self._offset(at)).numpy()
 
     def _image(self, felt: torch.Tensor, at: tuple[xr.Dataset, int, int] | None) -> Float[np.ndarray, "m"]:
-        """The true image of the hand where there is a truth, else that of the posture."""
+        """The true image of the hand where there is a truth, else what was seen, else that of the posture."""
         there = _recorded(at, "true_hand_image", "hand_image")
         if there is not None:
             return there
@@ -308,7 +292,9 @@ class Scene(Shown):
         offset = at[0]["hand_offset"].values[at[1], at[2]]
         return np.array(offset) if np.isfinite(offset).all() else None
 
-    def _ellipses(self, felt: torch.Tensor, image: Float[np.ndarray, "m"], kept: _Kept | None) -> tuple[Points, Points]:
+    def _ellipses(
+        self, felt: torch.Tensor, image: Float[np.ndarray, "m"], kept: Followed | None
+    ) -> tuple[Points, Points]:
         nothing = np.empty((0, 3))
         true = self.body.hand_image_jacobian(felt, on_invisible="nan").numpy()
         if not self.sight.shows or not (np.isfinite(true).all() and np.isfinite(image).all()):
@@ -322,7 +308,7 @@ class Scene(Shown):
         return self.sight.ellipse(image, scale * true), learned
 
     def _doubt(
-        self, kept: _Kept, at: tuple[xr.Dataset, int, int], estimate: Float[np.ndarray, "m"], begin: int
+        self, kept: Followed, at: tuple[xr.Dataset, int, int], estimate: Float[np.ndarray, "m"], begin: int
     ) -> Points:
         if not isinstance(kept.learned, Uncertain) or begin < 0 or not np.isfinite(estimate).all():
             return np.empty((0, 3))
@@ -349,76 +335,6 @@ class Scene(Shown):
         so_far = at[0]["touched"].values[at[1], : at[2] + 1]
         counts = np.bincount(so_far[(so_far >= 0) & (so_far < count)], minlength=count).astype(float)
         return np.where(counts > 0, np.sqrt(counts / max(counts.max(), 1.0)), np.nan)
-
-    def _of(self, recording: str, estimator: str, trial: int, path: bool = True) -> _Kept:
-        """What an estimator makes of a recording, computed once."""
-        if estimator not in self.estimators:
-            raise UnknownName("estimator", estimator, self.estimators)
-        key = (recording if path else f"{recording} alone", estimator, trial)
-        if key not in self._kept:
-            try:
-                learned = self._taught(recording, estimator)
-                of = self._recording(recording) if path else None
-                self._kept[key] = (
-                    _Kept(learned, *self._path(of, learned, trial))
-                    if of is not None
-                    else _Kept(learned, np.empty((0, self.body.m)), np.empty(0, dtype=np.int64))
-                )
-                if of is not None:
-                    self._grow(self._kept[key], of, trial)
-            except (BodyImageKinError, ValueError, RuntimeError) as problem:
-                nothing = np.empty((0, self.body.m)), np.empty(0, dtype=np.int64)
-                self._kept[key] = _Kept(None, *nothing, problem=f"{estimator}: {problem}")
-        return self._kept[key]
-
-    def _taught(self, recording: str, estimator: str) -> HasDisplacement:
-        one = self.estimators[estimator]
-        if not isinstance(one, Estimator):
-            return one
-        source = "" if self.learn_from is not None else recording
-        if (source, estimator) not in self._learned:
-            seen = self.learn_from if self.learn_from is not None else self._recording(recording)
-            self._learned[source, estimator] = one.fit(experience(seen), seed=0)
-        return self._learned[source, estimator]
-
-    def _path(
-        self, of: xr.Dataset, learned: HasDisplacement, trial: int
-    ) -> tuple[Float[np.ndarray, "time m"], Int[np.ndarray, "time"]]:
-        """The integrated hand image of a trial, and where the sum of each sample began."""
-        one = of.isel(trial=[trial])
-        resets = one["at_reference"].values[0] if "at_reference" in one and "reference_image" in one else None
-        first = torch.from_numpy(one["q"].values[0, 0])
-        begin = self.body.hand_image(first, on_invisible="nan").numpy()
-        known = resets is not None and resets.any()
-        how = {} if known else {"reset": "none", "initial": begin}
-        path = "star" if is_scattered(of) else "time"
-        found = integrate(experience(self._with_axes(one)), learned, path=path, **how)  # type: ignore[arg-type]
-        times = np.arange(one.sizes["time"])
-        starts = resets if known and resets is not None else times == 0
-        since = np.maximum.accumulate(np.where(starts, times, -1)) if path == "time" else times
-        return found.values[0], since
-
-    def _with_axes(self, one: xr.Dataset) -> xr.Dataset:
-        if "axis" in one.dims:
-            return one
-        unseen = np.full((*one["q"].shape[:2], self.body.m), np.nan)
-        return one.assign(hand_image=(("trial", "time", "axis"), unseen, {"units": self.body.camera.model.unit}))
-
-    def _grow(self, kept: _Kept, of: xr.Dataset, trial: int) -> None:
-        """Lets the tactile map learn from the estimate, where there are touches and a skin."""
-        skin = self.body.skin
-        if skin is None or "touched" not in of or not (of["touched"].values[trial] >= 0).any():
-            return
-        one = of.isel(trial=[trial])
-        steps = np.unique(np.linspace(0, one.sizes["time"], _SNAPSHOTS).astype(int))
-        try:
-            learned = BodyImage.learn(
-                experience(self._with_axes(one)), kept.estimate[None], skin=skin, snapshots=steps.tolist()
-            )
-        except BodyImageKinError as problem:
-            kept.problem = f"no map: {problem}"
-            return
-        kept.maps, kept.steps = learned.history["tactile_maps"], learned.history["steps"]
 
     def _recording(self, name: str) -> xr.Dataset:
         if name not in self.recordings:

@@ -196,9 +196,10 @@ def draw(found: Mapping[str, Any], folder: Path) -> None:
         {part: (("estimator", "probe"), values) for part, values in parts.items()},
         {"estimator": list(rows), "probe": ["on_circle", "on_face"]},
     )
-    axes = figures.errors(medians, xlabel="relative error")
-    figures.legend(axes.figure)
-    figures.save(axes.figure, folder, "errors")
+    figure, grid = figures.panels(height=0.9 + 0.16 * len(rows))
+    figures.errors(medians, grid[0, 0], xlabel="relative error")
+    figures.legend(figure)
+    figures.save(figure, folder, "errors")
 
 
 def named(row: str) -> str:

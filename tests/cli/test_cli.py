@@ -33,10 +33,11 @@ def test_help_names_every_command_and_imports_nothing_heavy():
     assert "\x1b" not in done.stdout  # colours are for terminals
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_each_help_has_examples_that_are_understood_and_no_word_of_python(command, capsys):
+@pytest.mark.parametrize("line", [*COMMANDS, "embodiment new", "embodiment check"])
+def test_each_help_has_examples_that_are_understood_and_no_word_of_python(line, capsys):
+    command = line.split()[0]
     with pytest.raises(SystemExit) as end:
-        cli.main([command, "--help"])
+        cli.main([*line.split(), "--help"])
     assert end.value.code == 0
     told = capsys.readouterr().out
     assert "{None}" not in told
@@ -44,6 +45,7 @@ def test_each_help_has_examples_that_are_understood_and_no_word_of_python(comman
     assert "{True,False}" not in told
     examples = re.findall(r"^  (bodyimage-kin .*)$", told, re.MULTILINE)
     assert examples
+    assert command == line or all(f"bodyimage-kin {line} " in example for example in examples)
     for example in examples:
         # Parsed by the same parser; nothing is run.
         assert isinstance(cli._parsed(shlex.split(example)[1:]), cli._COMMANDS[command])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -36,10 +38,16 @@ def test_score_ranks_what_learns_from_a_table(table, tmp_path, capsys):
     assert "hidden from it" in page.read_text()
 
 
-def test_score_with_a_robot_says_how_wrong_in_all_directions(table, tmp_path):
+def test_score_with_a_robot_says_how_wrong_in_all_directions(table, tmp_path, capsys):
     page = tmp_path / "scores.html"
     arguments = ["score", table, *UNITS, "--robot", "infant", "--estimators", "LeastSquares", "--out", str(page)]
-    assert cli.main(arguments) == 0
+    assert cli.main([*arguments, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert list(told["estimators"]) == ["nominal", "least_squares"]
+    one = told["estimators"]["least_squares"]
+    assert 0.0 < one["interval"][0] <= one["relative_error"] <= one["interval"][1]
+    assert one["failure"] == ""
+    assert told["page"] == str(page)
     text = page.read_text()
     assert "Against the calibrated body" in text
     assert "nominal" in text
@@ -62,7 +70,12 @@ def test_calibrate_writes_a_robot_that_others_read(body, table, tmp_path, capsys
     assert (measures.change[~measures.fitted] == 0).all()
     assert "foretells where the hand is seen" in (out / "report.html").read_text()
     # Again into the same folder, never into anybody else's.
-    assert cli.main(["calibrate", table, "--robot", "infant", *UNITS, "--free", "axes", "--out", str(out)]) == 0
+    capsys.readouterr()
+    again_there = ["calibrate", table, "--robot", "infant", *UNITS, "--free", "axes", "--out", str(out), "--json"]
+    assert cli.main(again_there) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["explains"] is True
+    assert told["held_out"]["images"]["found"] < 1e-3
     (tmp_path / "other.txt").write_text("mine")
     assert cli.main(["calibrate", table, "--robot", "infant", *UNITS, "--out", str(tmp_path)]) == 2
 
@@ -76,10 +89,15 @@ def test_a_fit_that_explains_nothing_has_exit_status_one(table, tmp_path, capsys
     assert "explains nothing" in capsys.readouterr().out
 
 
-def test_next_chooses_before_and_after_anything_was_seen(body, table, tmp_path):
+def test_next_chooses_before_and_after_anything_was_seen(body, table, tmp_path, capsys):
     asked = ["next", "--robot", "infant", "--count", "2"]
     assert cli.main([*asked, "--out", str(tmp_path / "first")]) == 0
-    assert cli.main([*asked, "--seen", table, *UNITS, "--out", str(tmp_path / "then")]) == 0
+    capsys.readouterr()
+    assert cli.main([*asked, "--seen", table, *UNITS, "--out", str(tmp_path / "then"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["joints"] == list(body.joints)
+    assert np.shape(told["q"]) == (2, body.p)
+    assert len(told["expected_error"]) == 3
     first, then = (pd.read_csv(tmp_path / name / "postures.csv") for name in ("first", "then"))
     assert [f"q.{name}" for name in body.joints] == list(first.columns[1:-1])
     assert (np.diff(first.expected_error) < 0).all()

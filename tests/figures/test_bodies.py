@@ -327,6 +327,12 @@ def test_drawings_stand_where_their_postures_stand_in_the_map(body):
     assert {place for place, tile in tiles.items() if not np.array_equal(tile, tiles[0, 0])} == {(1, 2)}
     assert axes.get_ylim()[0] > axes.get_ylim()[1], "rows run down"
     assert [label.get_text() for label in axes.get_yticklabels()] == ["1", "2"]
+    # The joints of each are the values of the drawing.
+    table = figures.values(axes.figure)
+    assert len(table) == postures.size
+    of = table[(table["row of the map"] == "2") & (table["column of the map"] == "3")]
+    assert of["value"].to_numpy() == pytest.approx(postures[1, 2], rel=1e-5)
+    assert of["series"].tolist() == [figures.label(name) for name in body.joints]
 
 
 def test_what_cannot_be_drawn_is_refused(body):

@@ -143,6 +143,21 @@ def test_estimators_are_ranked_with_their_intervals(tmp_path):
         bk.report.write(results, tmp_path / "report.html", baseline="wrse")
 
 
+def test_who_was_not_asked_of_a_recording_is_named_and_not_ranked(tmp_path):
+    results = results_of(["a", "b", "other"], ["first", "second"])
+    for name, one in results.data_vars.items():
+        if "estimator" in one.dims and one.dtype.kind == "f":
+            results[name].loc[{"recording": "second", "estimator": "other"}] = np.nan
+    page = bk.report.write(results, tmp_path / "report.html").read_text()
+    first, second = (part.split("<h3>", 1)[0] for part in re.split(r"<h3>(?:first|second)</h3>", page)[1:3])
+    assert re.findall(r"<tr><td>(\d\. \w+)</td>", first) == ["1. a", "2. b", "3. other"]
+    assert re.findall(r"<tr><td>(\d\. \w+)</td>", second) == ["1. a", "2. b"]
+    assert "Not asked of this recording: other." in second
+    assert "Not asked" not in first
+    # The errors that rank stand first.
+    assert [re.findall(r"<th>([^<]*)</th>", part)[1] for part in (first, second)] == ["on the face"] * 2
+
+
 def test_scores_of_ones_own_are_shown_and_what_was_left_out_is_said(tmp_path):
     results = results_of(["a", "b"])
     about = {"long_name": "how <much> I like it", "units": "m"}

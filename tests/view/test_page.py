@@ -19,11 +19,15 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 viser = pytest.importorskip("viser", reason="viser is not installed: no page is served")
 in_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed: the page is not opened")
 
+# Clicks whatever a label stands beside.
+CLICK = "[...document.querySelectorAll('label')].find(one => one.textContent === '{}').click()"
+
 
 @pytest.fixture(scope="module")
 def scene(body, circle, touch):
     estimators = {"least_squares": bk.estimators.LeastSquares()}
-    return view.Scene(body, {"touch": touch, "circle": circle}, estimators, learn_from=circle)
+    ghosts = body.touch_postures([0, 440]).numpy()
+    return view.Scene(body, {"touch": touch, "circle": circle}, estimators, learn_from=circle, ghosts=ghosts)
 
 
 @pytest.fixture
@@ -126,6 +130,9 @@ def test_sliders_and_selectors_move_what_is_shown(page, scene):
     page.show()
     assert page._drawing.hands["estimated_hand"].visible
     np.testing.assert_allclose([slider.value for slider in page.joints], moment.q, atol=1e-6)
+    page.ghosts.value = False
+    page.show()
+    assert not page._drawing.ghosts.visible
     page.joints[0].value = float(page.joints[0].min)
     page._moved()
     assert page.recording.value == "a posture"
@@ -144,6 +151,13 @@ def test_the_page_loads_and_moves_without_an_error(page, browser):
     page.show()
     browser.wait(lambda: browser.picture() != first)
     browser.wait(lambda: f"sample {int(page.time.max) // 2}" in browser.evaluate("document.body.innerText"))
+    # The postures to go to next are there until somebody takes them away.
+    assert page._drawing.ghosts.visible
+    with_ghosts = browser.picture()
+    browser.evaluate(CLICK.format("next postures"))
+    browser.wait(lambda: not page.ghosts.value)
+    browser.wait(lambda: browser.picture() != with_ghosts)
+    assert not page._drawing.ghosts.visible
     assert not browser.complaints()
     assert {url for url in browser.asked() if not re.match(r"data:|blob:|http://127\.0\.0\.1:", url)} == set()
 
