@@ -21,6 +21,7 @@ from bodyimage_kin.calibration.urdf import urdf_of
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.estimators.map_fit import Fit
 from bodyimage_kin.estimators.parametric import Group, Parameter
+from bodyimage_kin.estimators.self_calibration import BodyProcess
 from bodyimage_kin.robot import Robot
 
 __all__ = ["Calibrated", "HeldOut"]
@@ -95,6 +96,13 @@ class Calibrated:
     def body(self) -> Embodiment:
         """The body that was found."""
         return self.at(self.fit.theta)
+
+    @cached_property
+    def learned(self) -> BodyProcess:
+        """The hand-eye map of the body that was found, with the doubt of the posterior, as estimators give it."""
+        return BodyProcess(
+            self.body, self.at, self.fit.theta, self.covariance, unit=self.problem.body.camera.model.unit
+        )
 
     @property
     def robot(self) -> Robot:
