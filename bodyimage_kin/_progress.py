@@ -19,12 +19,12 @@ from rich.progress import (
 )
 from rich.text import Text
 
-Report = Callable[[int, int], None]
+Tell = Callable[[int, int], None]
 """Called with the number of things done and their total."""
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Report]:
+def progress(what: str) -> Iterator[Tell]:
     """Shows how much is done on standard error; a bar on a terminal, a line at each tenth elsewhere.
 
     Args:
@@ -48,7 +48,7 @@ class _Rate(ProgressColumn):
         return Text(_rate(task.speed) if task.speed else "")
 
 
-def _lines(console: Console, what: str) -> Report:
+def _lines(console: Console, what: str) -> Tell:
     """A line at the beginning, and one whenever another tenth is done."""
     begin, first, shown = time.monotonic(), 0, -1
 

@@ -22,9 +22,9 @@ def told(capsys):
 
 
 def test_a_log_gets_a_line_a_tenth_with_rate_and_time_left(clock, capsys):
-    with _progress.progress("cells") as report:
+    with _progress.progress("cells") as tell:
         for done in range(101):
-            report(done, 100)
+            tell(done, 100)
             clock[0] += 2.0
     lines = told(capsys)
     assert lines[0] == "cells: 0 of 100"
@@ -35,10 +35,10 @@ def test_a_log_gets_a_line_a_tenth_with_rate_and_time_left(clock, capsys):
 
 
 def test_what_an_earlier_run_has_done_does_not_count_into_the_rate(clock, capsys):
-    with _progress.progress("cells") as report:
-        report(50, 100)
+    with _progress.progress("cells") as tell:
+        tell(50, 100)
         clock[0] += 10.0
-        report(70, 100)
+        tell(70, 100)
     assert told(capsys) == ["cells: 50 of 100", "cells: 70 of 100, 2 a second, 15 s left"]
 
 
@@ -54,9 +54,9 @@ def test_a_terminal_gets_a_bar(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")
-    with _progress.progress("cells") as report:
-        report(1, 4)
-        report(4, 4)
+    with _progress.progress("cells") as tell:
+        tell(1, 4)
+        tell(4, 4)
     shown = capsys.readouterr().err
     assert "4/4" in shown
     assert "left" in shown

@@ -43,16 +43,18 @@ def eye_link(robot: Robot, hand: str, camera: str | None, folder: Path | None, s
             link = max(named, key=lambda one: (_has_shape(robot, one), len(robot.path(one))))
             said.append(f"eye: on link '{link}', by its name; name another with --camera")
             return link
-    arm = {joint.child for joint in robot.path(hand)}
-    large = [link for link in robot.link_names if link not in arm and _width(robot, link, folder, []) >= _FACE]
+    palm = _body_of(robot, hand)
+    large = [
+        link for link in robot.link_names if _body_of(robot, link) != palm and _width(robot, link, folder, []) >= _FACE
+    ]
+    touched = (
+        f"as skin one with a shape as large as a face: {', '.join(map(repr, large[:5]))}"
+        if large
+        else "give the link that is to be touched a <collision>, for none has a shape as large as a face"
+    )
     raise InvalidConfig(
-        f"no link of robot '{robot.name}' is named after an eye, a camera or a head; name one as camera, of "
-        f"{', '.join(robot.link_names[:12])}{' ...' if len(robot.link_names) > 12 else ''}; "
-        + (
-            f"and as skin one with a shape as large as a face: {', '.join(map(repr, large[:5]))}"
-            if large
-            else "and give the link that is to be touched a <collision>, for none has a shape as large as a face"
-        )
+        f"no link of robot '{robot.name}' is named after an eye, a camera or a head; name one as camera, and "
+        f"{touched}; its links are {', '.join(robot.link_names[:12])}{' ...' if len(robot.link_names) > 12 else ''}"
     )
 
 
@@ -120,6 +122,11 @@ def axes_of(forward: ArrayLike) -> Float[np.ndarray, "3 3"]:
         raise InvalidConfig("forward: give a direction that is not vertical")
     ahead = ahead / np.linalg.norm(ahead)
     return np.stack([np.cross(ahead, up), -up, ahead], axis=1)
+
+
+def _body_of(robot: Robot, link: str) -> str:
+    """The last joint that moves a link, which names the rigid body that it is part of; "" of the root's."""
+    return next((joint.name for joint in reversed(robot.path(link)) if joint.kind != "fixed"), "")
 
 
 def _has_shape(robot: Robot, link: str) -> bool:

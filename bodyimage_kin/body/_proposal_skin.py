@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,8 @@ from bodyimage_kin.body.skin import Skin
 from bodyimage_kin.errors import InvalidConfig, InvalidGeometry, UnknownName
 from bodyimage_kin.robot import Robot
 from bodyimage_kin.robot.geometry import Collision, Cylinder
-from bodyimage_kin.robot.shapes import link_parts
 
-__all__ = ["ball_of", "face_patch", "optical_centre", "tidy"]
+__all__ = ["balls_of", "face_patch", "optical_centre", "tidy"]
 
 _SHAPE = (21, 21)
 _LANDMARKS = {"left_eye": (6, 3), "right_eye": (6, 17), "nose": (10, 10), "mouth": (15, 10)}
@@ -33,17 +33,29 @@ def tidy(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
     return along if np.abs(rotation - along).max() < 1e-3 else rotation
 
 
-def ball_of(robot: Robot, link: str, folder: Path | None, said: list[str]) -> Hand:
-    """A ball in the middle of what the hand's link is made of."""
-    corners = vertices_of(robot, link, folder)
-    said.extend(f"hand: {note}" for note in link_parts(robot, link, folder).notes)
-    if not corners:
-        said.append(f"hand: link '{link}' has no shape that can be read: a ball of 2 cm about its origin")
-        return Hand(link, radius=0.02)
-    low, high = np.concatenate(corners).min(0), np.concatenate(corners).max(0)
-    radius = round(float(np.clip((high - low).min() / 2, *_RADIUS)), 3)
-    said.append(f"hand: a ball of {1e3 * radius:.3g} mm in the middle of what link '{link}' is made of")
-    return Hand(link, np.round((low + high) / 2, 4), radius)
+def balls_of(robot: Robot, link: str, folder: Path | None) -> Iterator[tuple[Hand, str]]:
+    """A ball in the middle of what the hand's link is made of, then one at its outer end; each with where it is."""
+    parts = vertices_of(robot, link, folder)
+    if not parts:
+        yield (
+            Hand(link, radius=0.02),
+            f"hand: link '{link}' has no shape that can be read: a ball of 2 cm about its origin",
+        )
+        return
+    low, high = np.concatenate(parts).min(0), np.concatenate(parts).max(0)
+    radius, middle = round(float(np.clip((high - low).min() / 2, *_RADIUS)), 3), (low + high) / 2
+    size = f"hand: a ball of {1e3 * radius:.3g} mm"
+    yield Hand(link, np.round(middle, 4), radius), f"{size} in the middle of what link '{link}' is made of"
+    # Hands are drawn from the wrist outward: their origin is where they begin.
+    axis = int(np.argmax(np.abs(middle)))
+    outward = np.copysign(1.0, middle[axis])
+    end = middle.copy()
+    end[axis] = (high if outward > 0 else low)[axis] - outward * radius
+    if abs(end[axis]) > abs(middle[axis]):
+        yield (
+            Hand(link, np.round(end, 4), radius),
+            f"{size} at the outer end of link '{link}', for its middle gets less far",
+        )
 
 
 def face_patch(

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from bodyimage_kin import _checks
 from bodyimage_kin.body.cameras import Camera, Tracker
-from bodyimage_kin.body.embodiment import Embodiment
+from bodyimage_kin.body.embodiment import Embodiment, Frame
 from bodyimage_kin.body.skin import Skin
 from bodyimage_kin.errors import BodyImageKinError, InvalidConfig, ManyMistakes
 from bodyimage_kin.robot.geometry import Mesh
@@ -26,6 +26,8 @@ from bodyimage_kin.robot.nearest import nearest_on_shapes
 __all__ = ["Finding", "check_embodiment", "refuse_errors"]
 
 _POSTURES, _SAMPLES, _FEW = 2000, 72, 0.05
+_SMALLER = (0.04, 0.03, 0.02)
+"""Radii of circles that are tried where the one asked for is not reached [m]."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,7 @@ def _circle(body: Embodiment, paper: bool, radius: float, distance: float | None
             "error" if paper or missed == _SAMPLES else "note",
             "circle",
             f"the hand cannot reach {missed} of {_SAMPLES} places of {what} within the joint limits; give another "
-            "radius, distance or home",
+            f"radius{_radius_that_does(body, frame, aside)}, distance or home",
         )
     if unseen:
         yield Finding(
@@ -168,6 +170,15 @@ def _circle(body: Embodiment, paper: bool, radius: float, distance: float | None
             f"the eye does not see the hand at {unseen} of {_SAMPLES} places of {what} (depths "
             f"{_depths(body, q[reached])}{_near(body)}); give another radius or distance, or mend the camera",
         )
+
+
+def _radius_that_does(body: Embodiment, frame: Frame, aside: Float[np.ndarray, "samples 3"]) -> str:
+    """The largest of a few smaller radii all whose places are reached and seen, in words, given the unit circle."""
+    for radius in _SMALLER:
+        q, reached = body.reach(torch.from_numpy(frame.origin + radius * aside))
+        if bool((reached & body.visible(q)).all()):
+            return f" ({radius:g} m would do)"
+    return ""
 
 
 def _touch(body: Embodiment, paper: bool) -> Iterator[Finding]:

@@ -21,7 +21,7 @@ from torch import Tensor
 from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin.backends import kinematics
 from bodyimage_kin.body._proposal_links import ahead_of, axes_of, eye_link, felt_joints, skin_link
-from bodyimage_kin.body._proposal_skin import ball_of, face_patch, optical_centre, tidy
+from bodyimage_kin.body._proposal_skin import balls_of, face_patch, optical_centre, tidy
 from bodyimage_kin.body.cameras import Camera, VirtualScreen
 from bodyimage_kin.body.check import Finding, check_embodiment
 from bodyimage_kin.body.collisions import Hulls
@@ -29,6 +29,7 @@ from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.skin import Skin
 from bodyimage_kin.errors import BodyImageKinError, Unreachable
 from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.shapes import link_parts
 
 __all__ = ["Proposal", "propose"]
 
@@ -36,6 +37,7 @@ _IN_FRONT = (0.05, 0.04, 0.03, 0.06, 0.08)
 """Distances in front of the face at which home is looked for, the infant's first [m]."""
 _STARTS, _TOUCHES = 24, 25
 _SMALLER = (1.0, 0.8, 0.6, 0.45)
+_AT_LIMIT = 1e-3  # [rad or m]
 _CLEAR = 0.002  # [m] between the deepest hand that touches and the nearest that is seen
 _WIDE = VirtualScreen(distance=0.04, near=1e-4, half_angle=math.radians(80.0))
 """An eye to begin with, until it is known where the hand touches."""
@@ -57,9 +59,14 @@ class Proposal:
     findings: tuple[Finding, ...]
 
     @property
+    def errors(self) -> int:
+        """How many things were found that keep the paper's experiment from running."""
+        return sum(finding.level == "error" for finding in self.findings)
+
+    @property
     def works(self) -> bool:
         """Whether nothing was found that keeps the paper's experiment from running."""
-        return not any(finding.level == "error" for finding in self.findings)
+        return self.errors == 0
 
 
 def propose(
@@ -100,7 +107,8 @@ def propose(
     try:
         return _proposed(robot, hand, camera, skin, forward, name, folder, said)
     except BodyImageKinError as problem:
-        problem.add_note("\n".join(said))
+        if not getattr(problem, "__notes__", ()):
+            problem.add_note("\n".join(said))
         raise
 
 
@@ -111,24 +119,48 @@ def _proposed(
     eye = eye_link(robot, hand, camera, folder, said)
     face = skin_link(robot, eye, skin, folder, said)
     joints = felt_joints(robot, hand, face, said)
-    palm = ball_of(robot, hand, folder, said)
-    first = Embodiment.build(
-        robot, joints=joints, hand=palm, camera=Camera(eye, np.eye(4), _WIDE),
-        home=robot.named(torch.zeros(robot.n, dtype=torch.float64).clamp(robot.lower, robot.upper)),
-        name=robot.name if name is None else name,
-    )  # fmt: skip
     hulls = Hulls(robot, joints, folder)
-    if forward is not None:
-        body = _facing(first, face, axes_of(forward), hulls, folder, said)
-    else:
-        ahead = ahead_of(robot, hand, joints, said)
+    said.extend(f"hand: {note}" for note in link_parts(robot, hand, folder).notes)
+    best: Proposal | None = None
+    problems: list[Unreachable] = []
+    for palm, where in balls_of(robot, hand, folder):
+        first = Embodiment.build(
+            robot, joints=joints, hand=palm, camera=Camera(eye, np.eye(4), _WIDE),
+            home=robot.named(torch.zeros(robot.n, dtype=torch.float64).clamp(robot.lower, robot.upper)),
+            name=robot.name if name is None else name,
+        )  # fmt: skip
+        of_this = [where]
         try:
-            body = _facing(first, face, axes_of(ahead), hulls, folder, said)
+            body = _looking(first, face, forward, hulls, folder, of_this)
         except Unreachable as problem:
-            said.append(f"forward: {problem}")
-            body = _facing(first, face, axes_of(-ahead), hulls, folder, said)
-            said.append(f"forward: the other way, {'-' if ahead[0] > 0 else ''}x of the root, where it does")
-    return Proposal(body, tuple(said), (*check_embodiment(body, paper=True, mesh_folder=folder), *_hit(body, hulls)))
+            problem.add_note("\n".join([*said, *of_this]))
+            problems.append(problem)
+            continue
+        findings = (*check_embodiment(body, paper=True, mesh_folder=folder), *_hit(body, hulls))
+        found = Proposal(body, (*said, *of_this), findings)
+        if best is None or found.errors < best.errors:
+            best = found
+        if best.works:
+            break
+    if best is None:
+        raise problems[0]
+    return best
+
+
+def _looking(
+    first: Embodiment, face: str, forward: ArrayLike | None, hulls: Hulls, folder: Path | None, said: list[str]
+) -> Embodiment:
+    """:func:`_facing` the direction that was asked for, or else the likelier way along x, or else the other."""
+    if forward is not None:
+        return _facing(first, face, axes_of(forward), hulls, folder, said)
+    ahead = ahead_of(first.robot, first.hand.link, first.joints, said)
+    try:
+        return _facing(first, face, axes_of(ahead), hulls, folder, said)
+    except Unreachable as problem:
+        said.append(f"forward: {problem}")
+    body = _facing(first, face, axes_of(-ahead), hulls, folder, said)
+    said.append(f"forward: the other way, {'-' if ahead[0] > 0 else ''}x of the root, where it does")
+    return body
 
 
 def _facing(
@@ -173,13 +205,14 @@ def _at_home(body: Embodiment, hulls: Hulls, said: list[str]) -> Embodiment:
     engine = torch.quasirandom.SobolEngine(body.p)  # type: ignore[no-untyped-call]
     shares = torch.cat([torch.full((1, body.p), 0.5), 0.15 + 0.7 * engine.draw(_STARTS)]).double()
     starts = [body.felt_home, *(low + shares * (high - low))]
-    gap = math.inf
+    gap, nearest = math.inf, starts[0]
     for distance in _IN_FRONT:
         target = body.touch_centres([body.require_skin().middle], distance)
         tried: list[tuple[int, float, Tensor]] = []
         for start in starts:
             q, reached = replace(body, home=body.full_posture(start)).reach(target)
-            gap = min(gap, float(torch.linalg.vector_norm(body.hand_in_front_and_jacobian(q)[0] - target)))
+            here = float(torch.linalg.vector_norm(body.hand_in_front_and_jacobian(q)[0] - target))
+            gap, nearest = min((gap, nearest), (here, q[0]), key=lambda one: one[0])
             if not bool(reached.all()):
                 # It has been looked for from all over the joint space already.
                 break
@@ -197,13 +230,24 @@ def _at_home(body: Embodiment, hulls: Hulls, said: list[str]) -> Embodiment:
             return _rebuilt(body, home=body.robot.named(body.home) | values)
     skin = body.require_skin()
     what = (
-        f"gets no nearer than {1e3 * gap:.0f} mm to a place in front of link '{skin.link}'"
+        f"gets no nearer than {1e3 * gap:.0f} mm to a place in front of link '{skin.link}'{_held(body, nearest)}"
         if gap > 1e-3
         else f"gets in front of link '{skin.link}' only where its eye does not see it"
     )
     raise Unreachable(
         f"hand '{body.hand.link}' {what}; name another hand, skin or camera, or a forward direction", [skin.middle]
     )
+
+
+def _held(body: Embodiment, q: Float[Tensor, "p"]) -> str:
+    """Which joint limits hold the hand back at its nearest posture, in words."""
+    lower, upper = body.felt_robot.lower, body.felt_robot.upper
+    still = [name for name, span in zip(body.joints, (upper - lower).tolist(), strict=True) if span < _AT_LIMIT]
+    if still:
+        return f", for {', '.join(map(repr, still))} cannot move (look at <limit>)"
+    margin = torch.minimum(q - lower, upper - q).tolist()
+    held = [name for name, rest in zip(body.joints, margin, strict=True) if rest < _AT_LIMIT]
+    return f", where {', '.join(map(repr, held))} stand at their limits" if held else ""
 
 
 def _with_eye(body: Embodiment, said: list[str]) -> tuple[Embodiment, bool]:

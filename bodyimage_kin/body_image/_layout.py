@@ -11,14 +11,14 @@ from jaxtyping import Float, Int
 
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin.body import Skin
-from bodyimage_kin.body.clusters import touched_place
+from bodyimage_kin.body.clusters import middle, touched_place
 from bodyimage_kin.body_image._checks import choice, grid_shape
 from bodyimage_kin.errors import InvalidArray, InvalidConfig
 
 Units: TypeAlias = "Skin | tuple[int, int] | list[int] | ArrayLike"
 """A skin, (rows, columns) of a grid, or distances between all pairs of taxels (taxels, taxels)."""
 
-WINNERS = ("first", "all", "largest")
+WINNERS = ("first", "all", "largest", "middle")
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +77,8 @@ class Layout:
         choice("winners", rule, WINNERS)
         if rule != "first" and self.distances is None:
             raise InvalidConfig(f"winners={rule!r} is of skins that are no grid; a grid has one winner, the first")
-        if rule == "largest" and self.skin is None:
-            raise InvalidConfig("winners='largest' needs to know where taxels are; give a Skin in place of distances")
+        if rule in ("largest", "middle") and self.skin is None:
+            raise InvalidConfig(f"winners={rule!r} needs to know where taxels are; give a Skin in place of distances")
         return rule
 
 
@@ -92,7 +92,8 @@ def winning(
 
     Args:
         layout: The taxels.
-        rule: ``"first"`` active one, ``"all"``, or the single ``"largest"`` cluster, without which nothing wins.
+        rule: ``"first"`` active one, ``"all"``, the single ``"largest"`` cluster, without which nothing wins, or the
+            taxel in its ``"middle"``.
         touched: Active taxels, -1: none.
         intensity: Of each; None: all alike. The strongest of a step counts 1, what is not above 0 is not felt.
     """
@@ -100,15 +101,20 @@ def winning(
     felt = (touched >= 0) & (strength > 0.0)
     if rule == "first":
         felt &= np.cumsum(felt, axis=1) == 1
-    elif rule == "largest" and layout.skin is not None:
+    elif rule in ("largest", "middle") and layout.skin is not None:
         # Most touches of a recording are among few sets of taxels.
         known: dict[bytes, np.ndarray] = {}
+        places = layout.skin.link_positions
         for step in np.flatnonzero(felt.sum(axis=1) > 1):
             active = np.where(felt[step], touched[step], -1)
             key = active.tobytes()
             if key not in known:
-                members = touched_place(layout.skin.link_positions, active)
-                known[key] = np.zeros(len(active), dtype=bool) if members is None else np.isin(active, members)
+                members = touched_place(places, active)
+                if members is None:
+                    members = np.empty(0, dtype=np.int64)
+                elif rule == "middle":
+                    members = members[[middle(places[members])]]
+                known[key] = (active[:, None] == members).any(axis=1)
             felt[step] &= known[key]
     order = np.argsort(~felt, axis=1, kind="stable")
     active = np.take_along_axis(np.where(felt, touched, -1), order, axis=1)

@@ -115,8 +115,9 @@ class BodyImage(Shown):
                 or of ``hand`` when no hand was ever seen.
             posture_som: A trained posture map; by default one is trained on the trial's touching postures.
             winners: Which of the taxels felt at once win: the ``"first"`` (as always on a grid), ``"all"`` (the default
-                of distances), or the single ``"largest"`` cluster, without which a touch teaches nothing (that of a
-                Skin that is no grid).
+                of distances), the single ``"largest"`` cluster, without which a touch teaches nothing (that of a
+                Skin that is no grid), or the one taxel in its ``"middle"``: with a hand that covers many taxels at once
+                all of them learn the same place, and the map is drawn together.
             steps: Learn from so many samples, each drawn anew from all of the trial, as from a set without an order;
                 None: from each once, in turn.
 

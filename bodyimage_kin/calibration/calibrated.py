@@ -18,8 +18,10 @@ from bodyimage_kin.calibration.observability import observability_indices, unobs
 from bodyimage_kin.calibration.prior import Prior
 from bodyimage_kin.calibration.problem import Problem
 from bodyimage_kin.calibration.urdf import urdf_of
+from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.estimators.map_fit import Fit
 from bodyimage_kin.estimators.parametric import Group, Parameter
+from bodyimage_kin.estimators.self_calibration import BodyProcess
 from bodyimage_kin.robot import Robot
 
 __all__ = ["Calibrated", "HeldOut"]
@@ -95,6 +97,13 @@ class Calibrated:
         """The body that was found."""
         return self.at(self.fit.theta)
 
+    @cached_property
+    def learned(self) -> BodyProcess:
+        """The hand-eye map of the body that was found, with the doubt of the posterior, as estimators give it."""
+        return BodyProcess(
+            self.body, self.at, self.fit.theta, self.covariance, unit=self.problem.body.camera.model.unit
+        )
+
     @property
     def robot(self) -> Robot:
         """Its robot: every joint that was fitted has its full 6D origin, which any reader of URDF understands."""
@@ -109,6 +118,24 @@ class Calibrated:
         """Whether the skin was found elsewhere on its link."""
         groups = np.array([one.group == "skin" for one in self.parameters])
         return bool(self.fit.theta[groups].any())
+
+    def hand_offset(self, offset: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
+        """Where points of the hand were found, such as those of a recording's ``hand_offset``.
+
+        Args:
+            offset: (*batch, 3) where they were thought to be in the hand's link [m].
+
+        Returns:
+            The same shape, as :attr:`body` takes them [m].
+
+        Raises:
+            InvalidArray: Not so many points.
+        """
+        thought = as_float_array(offset, "offset", ndim=1)
+        if thought.shape[-1] != 3:
+            raise InvalidArray(f"offset has shape {thought.shape}; give (*batch, 3)")
+        pose = self.problem.parametric.mounted(self.fit.theta).get("hand", np.eye(4))
+        return np.asarray(thought @ pose[:3, :3].T + pose[:3, 3])
 
     @property
     def free(self) -> int:

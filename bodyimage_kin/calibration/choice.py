@@ -1,42 +1,37 @@
 """Where to look next: the postures whose images tell most of the Jacobian where nothing is seen.
 
-Images, and the Jacobian at the probes, are linearised in the body's measures about the current estimate. With the
-information Lambda of prior and what was seen, D the derivative of a candidate's image over its noise, and
-``A = mean over probes of dJ' W dJ / mean |J|^2``, the predicted squared relative error is ``tr(A Lambda^-1)``, and with
-S = Lambda^-1 a candidate lowers it by ``tr((I + D S D')^-1 D S A S D')`` (A-optimal design, Pukelsheim 2006, aimed at
-what is asked). Chosen one by one, each the best after those before.
+Images, and the Jacobian at the probes, are linearised in the body's measures about the current estimate
+(:mod:`bodyimage_kin.calibration.design`). Postures are chosen one by one, each the best after those before, then
+exchanged as long as that lowers the error that is left after all of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import pandas as pd
 import torch
 import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bodyimage_kin import _checks
 from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin._shown import table
 from bodyimage_kin.body import Embodiment, VirtualScreen
 from bodyimage_kin.calibration.calibrated import Calibrated
+from bodyimage_kin.calibration.design import FREE, Aim, Design
 from bodyimage_kin.calibration.fitting import calibrate
 from bodyimage_kin.calibration.prior import Prior
 from bodyimage_kin.calibration.problem import Observed
 from bodyimage_kin.errors import InvalidConfig, NotVisible
-from bodyimage_kin.estimators.evidence import Images
-from bodyimage_kin.estimators.intrinsics import Intrinsics
-from bodyimage_kin.estimators.parametric import Group, Mount, ParametricBody
+from bodyimage_kin.estimators.parametric import Group
 from bodyimage_kin.metrics.probes import Probe, probe_postures
 
 __all__ = ["NextPostures", "next_postures"]
 
-Aim = Literal["probes", "everything", "random"]
-_FREE: tuple[Group, ...] = ("axes", "offsets")
 _CANDIDATES = 5000
 _SCREEN_NOISE = 2e-4
 """Of images on a virtual screen [m], where nothing is said."""
@@ -44,8 +39,6 @@ _DRAWN = 200
 """Postures that are drawn at most for each candidate wanted, before the hand is said to be hardly ever seen."""
 _SHOWN = 20
 """Postures that a notebook shows at most."""
-_STEP = 1e-5
-"""Of the central differences in the measures [rad or m] that give how a Jacobian changes with them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,17 +79,6 @@ class NextPostures:
         head = f"{', '.join(self.joints)}; predicted error before {self.predicted_error[0]:.3g}"
         return table("NextPostures", head, rows)
 
-    def to_dataset(self) -> xr.Dataset:
-        """Postures and predicted errors, labelled."""
-        return xr.Dataset(
-            {
-                "q": (("number", "joint"), self.q),
-                "candidate": (("number",), self.chosen),
-                "predicted_error": (("after",), self.predicted_error),
-            },
-            {"joint": list(self.joints), "number": np.arange(len(self.q)), "after": np.arange(len(self.q) + 1)},
-        )
-
 
 def next_postures(
     body: Embodiment | Calibrated,
@@ -111,17 +93,19 @@ def next_postures(
     aim: Aim = "probes",
     metric: ArrayLike | Literal["identity"] = "identity",
     apart: float = 1e-3,
+    exchange: bool = True,
     seed: int = 0,
 ) -> NextPostures:
     """Postures whose images would tell most of the Jacobian at the probes, best first.
 
     Args:
         body: As it is thought to be, or a body that was calibrated: then what it was calibrated on counts as seen.
-        seen: An experience that was seen already; None: nothing was, and the prior alone speaks.
+        seen: An experience that was seen already, images alone, to which the body is fitted (beside what it was
+            calibrated on); None: nothing more was, and without a calibration the prior alone speaks.
         probes: Where the Jacobian is asked for.
         count: How many postures to choose.
-        candidates: (n, p) postures to choose from; None: 5,000 drawn within the joint limits. Those in which the camera
-            does not see the hand are never chosen.
+        candidates: (n, p) postures to choose from; None: 5,000 drawn within the joint limits. Those beyond the limits
+            by more than ``apart``, or in which the camera does not see the hand, are never chosen.
         prior: How far each measure may be off; None: :class:`Prior`'s defaults.
         noise: Standard deviation of the images [their unit]; None: as estimated by a calibrated body, else 0.2 mm on a
             virtual screen. Other units must say it.
@@ -130,6 +114,9 @@ def next_postures(
             determinant of the information); ``"random"``: candidates in random order, to compare with.
         metric: (p, p) motion metric of the error, or ``"identity"``.
         apart: Least distance of any two chosen postures in their farthest joint [rad or m]; the encoders' noise.
+        exchange: Whether postures that were chosen one by one are exchanged as long as that lowers the error left
+            after all of them. False: the first few are the best few as well, as in the order in which the poses of a
+            recording would have been chosen.
         seed: Of candidates that are drawn, and of random order.
 
     Raises:
@@ -138,154 +125,48 @@ def next_postures(
     """
     _checks.choice("aim", aim, ("probes", "everything", "random"))
     number = _checks.whole("count", count, least=1)
-    if seen is not None:
-        thought = body.problem.body if isinstance(body, Calibrated) else body
-        told = _noise(thought, body if isinstance(body, Calibrated) else None, noise)
-        body = calibrate(
-            thought,
-            Observed(seen, use=["images"], noise={"images": told}),
-            prior=prior,
-            free=free or _FREE,
-        )
     known = body if isinstance(body, Calibrated) else None
+    if seen is not None:
+        known = _refitted(body, seen, prior, noise, free)
     estimate = known.body if known is not None else body
     assert isinstance(estimate, Embodiment)
-    design = _Design.of(
+    design = Design.of(
         estimate, known, prior or (known.prior if known else Prior()), _noise(estimate, known, noise), free
     )
     q = _candidates(estimate, candidates, seed)
-    visible = np.flatnonzero(estimate.visible(torch.from_numpy(q)).numpy())
+    far = _checks.number("apart", apart, least=0.0)
+    visible = np.flatnonzero(estimate.visible(torch.from_numpy(q)).numpy() & _within(estimate, q, far))
     at_probes = _probe_postures(estimate, probes, seen)
     A = design.importance(at_probes, _metric(metric, estimate.p))
     order = np.random.default_rng(seed).permutation(visible) if aim == "random" else visible
-    chosen, errors = design.choose(q, order, A, number, aim, _checks.number("apart", apart, least=0.0))
+    best, errors = design.choose(q[order], A, number, aim, far, _checks.flag("exchange", exchange))
+    chosen = order[best]
     return NextPostures(q[chosen], chosen, errors, estimate.joints)
 
 
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Design:
-    """A body about whose measures is linearised.
-
-    Attributes:
-        images: Evidence of no rows: what a posture would show.
-        offset: The hand's centre in its link [m].
-        free: Indices of the measures that may be off.
-        sds: (free,) of the prior.
-        precision: (free, free) of prior and what was seen.
-        noise: Of images [their unit].
-    """
-
-    images: Images
-    offset: Float[np.ndarray, "3"]
-    free: Int[np.ndarray, "free"]
-    sds: Float[np.ndarray, "free"]
-    precision: Float[np.ndarray, "free free"]
-    noise: float
-
-    @classmethod
-    def of(
-        cls, body: Embodiment, known: Calibrated | None, prior: Prior, noise: float, free: Sequence[Group] | None
-    ) -> _Design:
-        camera = Mount("camera", "camera", body.camera.link, body.camera.link_T_camera.numpy())
-        hand = Mount("hand", "hand", body.hand.link, np.eye(4))
-        intrinsics = Intrinsics.of("camera", body.camera.model)
-        parametric = ParametricBody(body.felt_robot, body.joints, [camera, hand], intrinsics.parameters)
-        first = parametric.parameters.index(intrinsics.parameters[0]) if intrinsics.parameters else 0
-        nothing = np.zeros((0, body.p))
-        images = Images(
-            "images", parametric, nothing, np.zeros((0, 3)), noise, "hand", "camera", intrinsics, first,
-            np.zeros((0, body.m)),
-        )  # fmt: skip
-        groups = tuple(free) if free is not None else (known.groups if known is not None else _FREE)
-        turns = {"hand: turn about x", "hand: turn about y", "hand: turn about z"}
-        indices = np.array(
-            [i for i, one in enumerate(parametric.parameters) if one.group in groups and one.name not in turns]
-        )
-        sds = prior.sds(parametric.parameters)[indices]
-        precision = np.diag(sds**-2.0)
-        if known is not None:
-            place = {one.name: i for i, one in enumerate(known.parameters)}
-            there = [place.get(parametric.parameters[i].name, -1) for i in indices]
-            rows = np.array([n for n, i in enumerate(there) if i >= 0])
-            columns = np.array([i for i in there if i >= 0])
-            if len(rows):
-                precision[np.ix_(rows, rows)] += known.fit.information[np.ix_(columns, columns)]
-        return cls(images, body.hand.offset.numpy(), indices, sds, precision, noise)
-
-    def slopes(self, q: Float[np.ndarray, "count p"]) -> Float[np.ndarray, "count m free"]:
-        """Derivative of images in the measures, over their noise."""
-        term = self._at(q)
-        return term.residual(np.zeros(len(term.body.parameters)))[1][:, :, self.free] / self.noise
-
-    def importance(
-        self, q: Float[np.ndarray, "count p"], W: Float[np.ndarray, "p p"]
-    ) -> Float[np.ndarray, "free free"]:
-        """``A``: mean of ``dJ' W dJ`` over postures, over the mean of ``|J|^2``."""
-        term = self._at(q)
-        size = len(term.body.parameters)
-        J = term.jacobian(np.zeros(size))
-        changes = []
-        for index in self.free:
-            step = np.zeros(size)
-            step[index] = _STEP
-            changes.append((term.jacobian(step) - term.jacobian(-step)) / (2 * _STEP))
-        dJ = np.stack(changes, axis=-1)
-        weight = np.einsum("nmik,ij,nmjl->kl", dJ, W, dJ, optimize=True)
-        return np.asarray(weight / np.einsum("nmi,ij,nmj->", J, W, J, optimize=True))
-
-    def choose(
-        self,
-        q: Float[np.ndarray, "candidates p"],
-        order: Int[np.ndarray, "usable"],
-        A: Float[np.ndarray, "free free"],
-        count: int,
-        aim: str,
-        apart: float,
-    ) -> tuple[Int[np.ndarray, "count"], Float[np.ndarray, "after"]]:
-        """Candidates, each the best after those before; and the predicted error before and after each."""
-        D = self.slopes(q[order])
-        # In units of the prior, so that radians and metres are inverted alike.
-        scale = np.outer(self.sds, self.sds)
-        # The prior alone makes no value of the precision less than one; what was seen without noise makes others so
-        # large that rounding would take them below zero.
-        values, vectors = np.linalg.eigh(self.precision * scale)
-        S = (vectors / np.maximum(values, 1.0)) @ vectors.T * scale
-        left = np.ones(len(order), dtype=bool)
-        chosen: list[int] = []
-        errors = [float(np.sqrt(np.trace(A @ S)))]
-        identity = np.eye(D.shape[1])
-        for number in range(count):
-            if not left.any():
-                raise InvalidConfig(
-                    f"count={count}: only {number} candidates in view are farther apart than {apart:g}; "
-                    "give more of them"
-                )
-            if aim == "random":
-                best = int(np.flatnonzero(left)[0])
-            else:
-                here = np.flatnonzero(left)
-                DS = D[here] @ S
-                inner = identity + DS @ D[here].transpose(0, 2, 1)
-                if aim == "probes":
-                    gain = np.trace(np.linalg.solve(inner, DS @ A @ DS.transpose(0, 2, 1)), axis1=1, axis2=2)
-                else:
-                    gain = np.linalg.slogdet(inner)[1]
-                best = int(here[gain.argmax()])
-            one = D[best]
-            S = S - S @ one.T @ np.linalg.solve(identity + one @ S @ one.T, one @ S)
-            chosen.append(int(order[best]))
-            errors.append(float(np.sqrt(max(np.trace(A @ S), 0.0))))
-            left &= np.abs(q[order] - q[order[best]]).max(axis=1) > apart
-            left[best] = False
-        return np.array(chosen), np.array(errors)
-
-    def _at(self, q: Float[np.ndarray, "count p"]) -> Images:
-        """What these postures would show."""
-        image = np.zeros((len(q), self.images.image.shape[1]))
-        return replace(self.images, q=q, offset=np.broadcast_to(self.offset, (len(q), 3)), image=image)
+def _refitted(
+    body: Embodiment | Calibrated,
+    seen: xr.Dataset,
+    prior: Prior | None,
+    noise: float | None,
+    free: Sequence[Group] | None,
+) -> Calibrated:
+    """The body fitted to what was seen, and to what it was calibrated on before."""
+    known = body if isinstance(body, Calibrated) else None
+    thought = body.problem.body if isinstance(body, Calibrated) else body
+    before = known.problem.observed if known is not None else ()
+    if known is not None and any(seen.identical(one.experience) for one in before):
+        return known
+    told = _noise(thought, known, noise)
+    return calibrate(
+        thought,
+        [*before, Observed(seen, use=["images"], noise={"images": told})],
+        prior=prior or (known.prior if known is not None else None),
+        free=free or (known.groups if known is not None else FREE),
+    )
 
 
 def _noise(body: Embodiment, known: Calibrated | None, noise: float | None) -> float:
@@ -332,6 +213,13 @@ def _candidates(body: Embodiment, candidates: ArrayLike | None, seed: int) -> Fl
             f"embodiment '{body.name}': the camera sees the hand in none of {_DRAWN * _CANDIDATES} postures"
         )
     return np.concatenate(found)
+
+
+def _within(body: Embodiment, q: Float[np.ndarray, "count p"], slack: float) -> Bool[np.ndarray, "count"]:
+    """Which postures the joints reach."""
+    columns = [body.felt_robot.joint_index(name) for name in body.joints]
+    lower, upper = (limit.numpy()[columns] for limit in (body.felt_robot.lower, body.felt_robot.upper))
+    return np.asarray(((q >= lower - slack) & (q <= upper + slack)).all(axis=1))
 
 
 def _probe_postures(

@@ -89,6 +89,7 @@ class Problem(Shown):
         intrinsics: Of each camera, by the name of its mount.
         held: Parameters that are never free: turns of a point of the hand that is one point alone.
         left_out: What was observed and tells nothing, in words.
+        observed: What all of it is from.
     """
 
     body: Embodiment
@@ -99,6 +100,7 @@ class Problem(Shown):
     intrinsics: Mapping[str, Intrinsics]
     held: frozenset[int]
     left_out: tuple[str, ...]
+    observed: tuple[Observed, ...]
 
     @classmethod
     def of(cls, body: Embodiment, observed: Sequence[Observed], folds: int = 5) -> Problem:
@@ -135,6 +137,7 @@ class Problem(Shown):
             intrinsics,
             frozenset(_pointless(parametric, rows)),
             tuple(left_out),
+            tuple(observed),
         )
 
     def subset(self, kept: Sequence[np.ndarray]) -> tuple[Term, ...]:

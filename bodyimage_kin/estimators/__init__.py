@@ -36,15 +36,23 @@ from bodyimage_kin.estimators.online import Broyden, Kalman, RecursiveLeastSquar
 from bodyimage_kin.estimators.paper_mlp import DisplacementNetwork, PaperMLP
 from bodyimage_kin.estimators.rational import RationalImage, RationalPolynomial, RationalProcess, RationalTrig
 from bodyimage_kin.estimators.ridge import Ridge, RidgeJacobian
-from bodyimage_kin.estimators.self_calibration import CalibratedBody, CalibratedChain, SelfCalibration
+from bodyimage_kin.estimators.self_calibration import (
+    BodyProcess,
+    CalibratedBody,
+    CalibratedChain,
+    ChainProcess,
+    SelfCalibration,
+)
 
 __all__ = [
     "Analytic",
     "BasisImage",
     "BasisProcess",
+    "BodyProcess",
     "Broyden",
     "CalibratedBody",
     "CalibratedChain",
+    "ChainProcess",
     "Conformal",
     "ConformalJacobian",
     "ConstantJacobian",

@@ -8,7 +8,9 @@ and Wampler 1996).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.optimize
@@ -21,17 +23,20 @@ from bodyimage_kin import _checks
 from bodyimage_kin.body import VirtualScreen
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidRecording
-from bodyimage_kin.estimators._field import ImageModel
+from bodyimage_kin.estimators._field import Doubt, ImageModel
 from bodyimage_kin.estimators._samples import Samples, samples
 from bodyimage_kin.estimators.base import Estimator
 from bodyimage_kin.estimators.chain import Chain
 from bodyimage_kin.estimators.evidence import Images
 from bodyimage_kin.estimators.intrinsics import Intrinsics
-from bodyimage_kin.estimators.map_fit import maximum_a_posteriori
+from bodyimage_kin.estimators.map_fit import Fit, maximum_a_posteriori
 from bodyimage_kin.estimators.parametric import Mount, Parameter, ParametricBody
 from bodyimage_kin.recordings import require_aligned
 
-__all__ = ["CalibratedBody", "CalibratedChain", "SelfCalibration"]
+__all__ = ["BodyProcess", "CalibratedBody", "CalibratedChain", "ChainProcess", "SelfCalibration"]
+
+_STEP = 1e-5
+"""Of differences, in joints and in measures [rad or m]."""
 
 _ROUNDING = 1e-20
 """Mean squared residual, in units of the images' variance, below which nothing is left to explain."""
@@ -91,6 +96,62 @@ class CalibratedBody(ImageModel):
 
 
 @dataclass(frozen=True, eq=False)
+class ChainProcess(CalibratedChain, Doubt):
+    """A chain whose geometry is known as well as images and prior tell it: normal about the most probable one.
+
+    Attributes:
+        spread: Covariance of :attr:`Chain.geometry`.
+    """
+
+    spread: Float[Tensor, "parameters parameters"]
+
+    kind = "chain_process"
+
+    def draws(self, n: int, seed: int = 0) -> tuple[CalibratedChain, ...]:
+        """Chains that are as plausible. See :class:`bodyimage_kin.estimators.Drawn`."""
+        found = _normal(self.chain.geometry.numpy(), self.spread.numpy(), n, seed)
+        return tuple(CalibratedChain(self.chain.with_geometry(torch.from_numpy(one)), unit=self.unit) for one in found)
+
+    def _covariance(self, q: Float[Tensor, "count p"]) -> Float[Tensor, "count entries entries"]:
+        # How the image moves with the geometry, and how that does with each joint.
+        moved = []
+        for step in _STEP * torch.eye(self.p, dtype=q.dtype):
+            ends = [self.chain.fit_terms(q + sign * step)[1] for sign in (1.0, -1.0)]
+            moved.append((ends[0] - ends[1]) / (2 * _STEP))
+        slope = torch.stack(moved, dim=2).flatten(1, 2)
+        return slope @ self.spread.to(q) @ slope.mT
+
+
+@dataclass(frozen=True, eq=False)
+class BodyProcess(CalibratedBody, Doubt):
+    """A body whose measures are known as well as what was observed and a prior tell them: normal about the mode.
+
+    Attributes:
+        at: The body with other measures.
+        measures: The most probable ones, those of ``body``.
+        spread: Their covariance; zero of what was held.
+    """
+
+    at: Callable[[Float[np.ndarray, "measures"]], Embodiment]
+    measures: Float[np.ndarray, "measures"]
+    spread: Float[np.ndarray, "measures measures"]
+
+    def draws(self, n: int, seed: int = 0) -> tuple[CalibratedBody, ...]:
+        """Bodies that are as plausible. See :class:`bodyimage_kin.estimators.Drawn`."""
+        found = _normal(self.measures, self.spread, n, seed)
+        return tuple(CalibratedBody(self.at(one), unit=self.unit) for one in found)
+
+    def _covariance(self, q: Float[Tensor, "count p"]) -> Float[Tensor, "count entries entries"]:
+        free = np.flatnonzero(np.diagonal(self.spread))
+        moved = []
+        for step in _STEP * np.eye(len(self.measures))[free]:
+            ends = [self.at(self.measures + sign * step).hand_image_jacobian(q) for sign in (1.0, -1.0)]
+            moved.append((ends[0] - ends[1]) / (2 * _STEP))
+        slope = torch.stack(moved, dim=-1).flatten(1, 2)
+        return slope @ torch.from_numpy(self.spread[np.ix_(free, free)]) @ slope.mT
+
+
+@dataclass(frozen=True, eq=False)
 class SelfCalibration(Estimator):
     """Finds the axes and offsets of the chain from camera to hand that explain the hand images seen.
 
@@ -136,6 +197,8 @@ class SelfCalibration(Estimator):
     def fit(self, exp: xr.Dataset, seed: int = 0) -> CalibratedChain | CalibratedBody:
         """Learns from an experience; the seed draws the starts, if any. See :meth:`Estimator.fit`.
 
+        With the prior what is learned knows its doubt; free starts know none.
+
         Raises:
             InvalidRecording: An experience of other joints than the body feels, fewer images than there are measures to
                 find, or nothing to learn from.
@@ -144,13 +207,21 @@ class SelfCalibration(Estimator):
         data = samples(require_aligned(exp, self.body))
         if self.starts:
             return self._freely(data, seed)
-        body = self._most_probable(data)
-        if isinstance(body.camera.model, VirtualScreen):
-            return CalibratedChain(Chain.of(body), unit=data.unit)
-        return CalibratedBody(body, unit=data.unit)
+        parametric, fit = self._most_probable(data)
+        body = parametric.body_at(self.body, fit.theta)
+        spread = fit.covariance * max(fit.chi2, 1.0)
+        if not isinstance(body.camera.model, VirtualScreen):
+            at = partial(parametric.body_at, self.body)
+            return BodyProcess(body, at, fit.theta, spread, unit=data.unit)
+        chain = Chain.of(body)
+        free = np.flatnonzero(fit.free)
+        steps = _STEP * np.eye(len(fit.theta))[free]
+        ends = [Chain.of(parametric.body_at(self.body, fit.theta + step)).geometry for step in steps]
+        slope = (torch.stack(ends, dim=1) - chain.geometry[:, None]) / _STEP
+        return ChainProcess(chain, slope @ torch.from_numpy(spread[np.ix_(free, free)]) @ slope.T, unit=data.unit)
 
-    def _most_probable(self, data: Samples) -> Embodiment:
-        """The body at the mode of its posterior."""
+    def _most_probable(self, data: Samples) -> tuple[ParametricBody, Fit]:
+        """The mode of the posterior of the body's measures."""
         body = self.body
         camera = Mount("camera", "camera", body.camera.link, body.camera.link_T_camera.numpy())
         hand = Mount("hand", "hand", body.hand.link, np.eye(4))
@@ -166,8 +237,7 @@ class SelfCalibration(Estimator):
         offset = np.broadcast_to(body.hand.offset.numpy(), (len(q), 3))
         known = Intrinsics.held(body.camera.model)
         term = Images("images", parametric, q, offset, None, "hand", "camera", known, 0, data.image.numpy())
-        fit = maximum_a_posteriori([term], free=free, sd=sd, robust=self.robust, steps=self.steps)
-        return parametric.body_at(body, fit.theta)
+        return parametric, maximum_a_posteriori([term], free=free, sd=sd, robust=self.robust, steps=self.steps)
 
     def _spread(self, parameter: Parameter) -> float:
         """Standard deviation of a measure's prior; inf of what is held."""
@@ -235,3 +305,13 @@ class SelfCalibration(Estimator):
             ftol=1e-15,
         )
         return float(np.mean(end.fun**2)), torch.from_numpy(end.x)
+
+
+def _normal(
+    mean: Float[np.ndarray, "numbers"], covariance: Float[np.ndarray, "numbers numbers"], n: int, seed: int
+) -> Float[np.ndarray, "n numbers"]:
+    """Draws of a normal distribution, also of one that is flat in some directions."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(values.clip(min=0.0))
+    normal = np.random.default_rng(seed).standard_normal((_checks.whole("n", n, least=1), len(mean)))
+    return np.asarray(mean + normal @ root.T)

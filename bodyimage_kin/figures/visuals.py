@@ -21,7 +21,8 @@ from bodyimage_kin.robot.upright import is_turned
 __all__ = ["PLAIN", "Surface", "link_poses", "link_surfaces", "sticks", "triangles"]
 
 PLAIN = (0.82, 0.80, 0.77, 1.0)
-"""Colour (RGBA) of a visual that has none."""
+_BLACK, _GREY = 0.02, (0.5, 0.5, 0.5)
+"""Black shows no shape, and in files it often stands for a texture: it is drawn grey."""
 
 
 class Surface(NamedTuple):
@@ -175,7 +176,8 @@ def _normals(shape: Shape, mesh: trimesh.Trimesh) -> Float[np.ndarray, "triangle
 
 def _colours(visual: Visual, mesh: trimesh.Trimesh) -> Float[np.ndarray, "triangles 4"]:
     if visual.colour is not None:
-        return np.tile(visual.colour, (len(mesh.faces), 1))
+        colour = visual.colour if max(visual.colour[:3]) > _BLACK else (*_GREY, visual.colour[3])
+        return np.tile(colour, (len(mesh.faces), 1))
     painted: Any = mesh.visual
     if painted.kind in ("face", "vertex"):
         return np.asarray(painted.face_colors, dtype=np.float64) / 255

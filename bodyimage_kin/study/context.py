@@ -26,6 +26,7 @@ from bodyimage_kin.backends import kinematics
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body_image import BodyImage, PostureSOM, PostureToImage, integrate
 from bodyimage_kin.errors import BodyImageKinError, InvalidRecording, UnknownName
+from bodyimage_kin.estimators import HasDisplacement
 from bodyimage_kin.metrics import probes
 from bodyimage_kin.recordings import experience
 from bodyimage_kin.study import maps
@@ -229,7 +230,7 @@ class Context:
         """
         assert self.tour is not None
         begin = self.tour["true_hand_image"].values[:, 0]
-        return self._integrated("tour", experience(self.tour), reset="none", initial=begin).values
+        return self._integrated("tour", self.learned, experience(self.tour), reset="none", initial=begin).values
 
     @cached_property
     def hand(self) -> xr.DataArray:
@@ -239,16 +240,31 @@ class Context:
             WrongResult: Not finite.
         """
         assert self.use is not None
-        if self.learned is None:
-            return self.use["true_hand_image"]
+        return self.use["true_hand_image"] if self.learned is None else self.hand_by(self.learned)
+
+    def hand_by(self, learned: HasDisplacement) -> xr.DataArray:
+        """The hand image on touches as any learned Jacobian estimates it, by the row's settings.
+
+        Args:
+            learned: What foretells displacements.
+
+        Raises:
+            WrongResult: Not finite.
+        """
         reset = self.row.reset
         settings: dict[str, Any] = {}
         if reset == "posture_map":
-            settings["posture_map"] = PostureToImage.fit(self.experience)
+            settings["posture_map"] = self._posture_map
         if reset == "none":
             settings["initial"] = self.felt_use["reference_image"].values
         # A diagnostic alone is handed the truth.
-        return self._integrated("touching", self.use if reset == "true" else self.felt_use, reset=reset, **settings)
+        felt = self.use if reset == "true" else self.felt_use
+        assert felt is not None
+        return self._integrated("touching", learned, felt, reset=reset, **settings)
+
+    @cached_property
+    def _posture_map(self) -> PostureToImage:
+        return PostureToImage.fit(self.experience)
 
     @cached_property
     def posture_som(self) -> PostureSOM:
@@ -292,11 +308,11 @@ class Context:
     def _map_settings(self) -> dict[str, Any]:
         return {**self.map_settings, **self.row.maps}
 
-    def _integrated(self, what: str, felt: xr.Dataset, **settings: Any) -> xr.DataArray:
+    def _integrated(self, what: str, learned: HasDisplacement, felt: xr.Dataset, **settings: Any) -> xr.DataArray:
         """The integrated hand image, once it is known to be finite wherever it can be."""
         method, substeps = self.row.method, self.row.substeps
         with torch.no_grad(), np.errstate(all="ignore"):
-            path = integrate(felt, self.learned, method=method, substeps=substeps, **settings)
+            path = integrate(felt, learned, method=method, substeps=substeps, **settings)
         # Scores of a path leave out what is not finite: one that explodes would seem to be a good one.
         there = np.isfinite(felt["q"].values).all(-1)
         if settings["reset"] != "none":

@@ -209,9 +209,8 @@ def _not_wanted(part: Part, wanted: Mapping[tuple[str, str], Mapping[str, Any]],
         there = (settings(folder) or {}).get("config", {}).get("estimators", {})
         name = str(part.identity.get("estimator"))
         return "" if name in there else f"it holds something else (estimator is '{name}')"
-    if part.identity != identity:
-        of = [key for key, value in identity.items() if part.identity.get(key) != value]
-        return f"it holds something else ({', '.join(of)} differ)"
+    if wrong := part.other_than(identity):
+        return wrong
     failures = part.notes.get("failures")
     if not isinstance(failures, list) or len(failures) != len(identity["seeds"]):
         return "it holds no scores"

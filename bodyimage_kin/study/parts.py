@@ -37,6 +37,12 @@ class Part:
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
     notes: dict[str, Any] = field(default_factory=dict)
 
+    def other_than(self, identity: Mapping[str, Any]) -> str:
+        """What is wrong with this part where another is wanted; empty: nothing."""
+        differ = [key for key, value in identity.items() if self.identity.get(key) != value]
+        same = self.identity == dict(identity)
+        return "" if same else f"it holds something else ({', '.join(differ)} differ)"
+
     def pack(self) -> bytes:
         """As bytes."""
         listed, bodies = {}, []

@@ -71,7 +71,7 @@ def work_off(
     limit: float | None,
     retry: bool,
     twice: bool,
-    report: Callable[[int, int], None],
+    tell: Callable[[int, int], None],
 ) -> None:
     """Computes what is missing of a study.
 
@@ -83,7 +83,7 @@ def work_off(
         limit: Time that a cell may take [s]; None: any.
         retry: Whether cells that failed are tried again.
         twice: Whether each cell is computed twice, and fails where that differs.
-        report: Called with the number of tasks that are done, and their total.
+        tell: Called with the number of tasks that are done, and their total.
 
     Raises:
         OutputRefused: The store cannot be written to.
@@ -93,7 +93,7 @@ def work_off(
     todo = _Todo(rows, store, _missing(blocks, rows, store, retry=retry))
     # Where nothing can be killed, time is limited by giving up all that was handed out.
     todo.together = limit is None or (not isinstance(executor, Others) and executor.room > 1)
-    report(todo.done, todo.total)
+    tell(todo.done, todo.total)
     pending: dict[Future[Any], list[_Task]] = {}
     try:
         while todo.tasks or pending:
@@ -104,13 +104,13 @@ def work_off(
                     except Exception as problem:
                         raise ExecutorLost(f"nobody is left to work ({said(problem)}); {_KEPT}") from None
                 else:
-                    report(todo.done, todo.total)
+                    tell(todo.done, todo.total)
             finished = wait(pending, _LOOK, FIRST_COMPLETED).done if pending else ()
             if not finished and executor.gone:
                 raise ExecutorLost(f"the scheduler is lost; {_KEPT}")
             for future in finished:
                 todo.settle(pending.pop(future), future)
-                report(todo.done, todo.total)
+                tell(todo.done, todo.total)
     finally:
         for future in pending:
             future.cancel()

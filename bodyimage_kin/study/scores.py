@@ -17,6 +17,7 @@ from bodyimage_kin.metrics import probes
 from bodyimage_kin.study import maps
 from bodyimage_kin.study.answers import answers, checked, jacobians
 from bodyimage_kin.study.context import IMAGE, Context, LeftOut, Score
+from bodyimage_kin.study.doubt import DOUBT
 from bodyimage_kin.study.held_out import foretold, noise_of
 from bodyimage_kin.study.store import padded
 
@@ -341,10 +342,13 @@ SCORES: Mapping[str, Score] = {
             "posture_map_error", (), "distance from the posture map of direct sight, over that map's extent",
             _posture_map_error, needs=(*_MAPS, "true_use"), optional=True,
         ),
+        *DOUBT,
     )
 }  # fmt: skip
 """Name -> score; those by posture are kept on request, optional ones when they are named."""
 HELD_OUT = tuple(name for name, score in SCORES.items() if score.needs == _HELD_OUT)
 """Scores that need no truth; studies keep them of recordings that they were handed."""
-MAP_SCORES = tuple(name for name in SCORES if "map_" in name or name.startswith("touch_"))
-"""Scores for which touches are integrated and, but for the first, maps are learned."""
+MAP_SCORES = tuple(
+    name for name, one in SCORES.items() if ("map_" in name or name.startswith("touch_")) and one not in DOUBT
+)
+"""Scores for which touches are integrated and, but for the first, maps are learned; without those of doubt."""

@@ -179,9 +179,8 @@ class Store:
             for part in parts_in(path):
                 if isinstance(part, str):
                     raise ValueError(part)
-                if part.identity != dict(identities[len(found)]):
-                    of = [key for key, value in identities[len(found)].items() if part.identity.get(key) != value]
-                    raise ValueError(f"it holds something else ({', '.join(of)} differ)")
+                if wrong := part.other_than(identities[len(found)]):
+                    raise ValueError(wrong)
                 found.append(part)
                 if len(found) == len(identities):
                     return found

@@ -244,7 +244,7 @@ class Study(Shown):
         shown = _progress.progress("tasks") if progress is True else nullcontext(progress or (lambda done, total: None))
         threads = torch.get_num_threads()
         try:
-            with executors.executor(executor, workers) as working, shown as report:
+            with executors.executor(executor, workers) as working, shown as tell:
                 running.work_off(
                     blocks({**origin, "folder": str(self.folder.absolute())}, place.folder),
                     self.estimators,
@@ -253,7 +253,7 @@ class Study(Shown):
                     limit=self.time_limit,
                     retry=retry,
                     twice=twice,
-                    report=report,
+                    tell=tell,
                 )
         finally:
             # Cells worked off in this process compute with one.

@@ -273,8 +273,8 @@ def _try(
     failure = ""
     try:
         spec = ESTIMATOR.build(ESTIMATOR.table({name: base | settings}), body=body)
-        learned = iter(fit_all(spec, [lesson.seen for one in taught for lesson in one], seeds))
-        judged = [[_error(next(learned), lesson.hidden) for lesson in one] for one in taught]
+        learned = iter(fit_all(spec, [part.seen for one in taught for part in one], seeds))
+        judged = [[_error(next(learned), part.hidden) for part in one] for one in taught]
         # Five digits: no choice hangs on how sums are rounded.
         errors = tuple(tuple(float(f"{max(error, _ROUNDING):.5g}") for error in one) for one in judged)
     except (Exception, SystemExit) as problem:

@@ -44,6 +44,7 @@ WORDS = {
 ESTIMATORS: Mapping[str, bk.estimators.Estimator] = {
     "least_squares": bk.estimators.LeastSquares(),
     "paper_mlp": bk.estimators.PaperMLP(steps=500),
+    "kernel_ridge": bk.estimators.KernelRidge(),
     "gaussian_process": bk.estimators.GaussianProcess(),
     # As tuned on noisy recordings of the circle: comparisons/estimators/tuning.json.
     "gaussian_process_tuned": bk.estimators.GaussianProcess(degree=2),
@@ -52,7 +53,9 @@ ESTIMATORS: Mapping[str, bk.estimators.Estimator] = {
 
 
 def of_body(body: bk.Embodiment, seed: int) -> dict[str, dict[str, float]]:
-    """Motion -> estimator -> relative error on the face, in the metric of felt touching.
+    """Motion -> estimator -> relative error on the face, in the metric of felt touching; likewise of the nominal body.
+
+    That one has learned from no motion, and stands under the first; NaN where its hand is out of its sight.
 
     Raises:
         Unreachable: A body that cannot reach its whole face, or all of a motion.
@@ -67,11 +70,17 @@ def of_body(body: bk.Embodiment, seed: int) -> dict[str, dict[str, float]]:
             estimator: metrics.pooled_relative_error(true, spec.fit(seen, seed).jacobian(q).detach(), metric)
             for estimator, spec in ESTIMATORS.items()
         }
+    drawn = bk.load_embodiment("infant").hand_image_jacobian(q, on_invisible="nan")
+    seen_everywhere = bool(torch.isfinite(drawn).all())
+    found["circle"]["nominal"] = metrics.pooled_relative_error(true, drawn, metric) if seen_everywhere else math.nan
     return found
 
 
-def measured(count: int) -> tuple[dict[str, dict[str, list[float]]], int]:
-    """Estimator -> motion -> error of each of so many bodies, and how many could not do all of it and were redrawn."""
+def measured(count: int) -> tuple[dict[str, dict[str, list[float]]], list[float], int]:
+    """Estimator -> motion -> error of each of so many bodies.
+
+    Then that of the nominal body on each, and how many bodies could not do all of it and were drawn again.
+    """
     rows: list[dict[str, dict[str, float]]] = []
     drawn = bk.calibration.drawn_bodies(bk.load_embodiment("infant"), 2 * count, seed=0)
     tried = 0
@@ -85,7 +94,7 @@ def measured(count: int) -> tuple[dict[str, dict[str, list[float]]], int]:
             continue
         print(f"body {len(rows)} of {count}", flush=True)
     errors = {name: {motion: [row[motion][name] for row in rows] for motion in MOTIONS} for name in ESTIMATORS}
-    return errors, tried - len(rows)
+    return errors, [row["circle"]["nominal"] for row in rows], tried - len(rows)
 
 
 def judged(errors: Mapping[str, Mapping[str, list[float]]]) -> dict[str, dict[str, dict[str, Any]]]:
@@ -133,6 +142,9 @@ def markdown(found: Mapping[str, Any]) -> str:
                 ratio, least, most = row["ratio"]
                 against = f"{ratio:.2f} [{least:.2f}, {most:.2f}] | {row['p_holm']:.2g} | {row['better']} of {count}"
             lines.append(f"| {figures.label(name)} | {WORDS[motion]} | {said} | {against} |")
+    drawn = found["nominal"]
+    unseen = f"; on {drawn['out_of_sight']} of {count} its hand leaves its sight" if drawn["out_of_sight"] else ""
+    lines.append(f"| {figures.label('nominal')} | none, as it is drawn{unseen} | | {drawn['median']:.3f} | | |  |")
     return "\n".join(lines) + "\n"
 
 
@@ -163,13 +175,18 @@ def main() -> None:
     asked = parser.parse_args()
     torch.set_num_threads(1)
     warnings.simplefilter("ignore", DataWarning)
-    errors, redrawn = measured(4 if asked.quick else asked.bodies)
+    errors, nominal, redrawn = measured(4 if asked.quick else asked.bodies)
     found = {
         "bodies": len(errors["least_squares"]["circle"]),
         "redrawn": redrawn,
         "seconds": CIRCLES.duration,
         "errors": errors,
         "judged": judged(errors),
+        "nominal": {
+            "errors": [value if np.isfinite(value) else None for value in nominal],
+            "median": float(np.nanmedian(nominal)),
+            "out_of_sight": int(np.isnan(nominal).sum()),
+        },
     }
     asked.out.mkdir(parents=True, exist_ok=True)
     (asked.out / "results.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

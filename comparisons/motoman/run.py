@@ -200,7 +200,7 @@ def replayed(truth: Truth) -> dict[str, Any]:
     for aim, seed in orders:
         chosen = bk.next_postures(
             truth.nominal, None, asked, max(REPLAYED), candidates=q, prior=PRIOR, noise=SIGMA, free=FREE, aim=aim,
-            seed=seed,
+            exchange=False, seed=seed,
         )  # fmt: skip
         measured = []
         for size in REPLAYED:

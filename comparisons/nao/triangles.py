@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import robot as nao
-import xarray as xr
+from fitting import BLOCKS, unstuck
 from scipy.spatial.transform import Rotation
 
 from bodyimage_kin import metrics
@@ -15,13 +15,15 @@ from bodyimage_kin.body.clusters import touched_place
 from bodyimage_kin.calibration import Observed, calibrate
 
 
-def misplaced(what: nao.Touched, data: Path, every: xr.Dataset) -> dict[str, Any]:
+def misplaced(what: nao.Touched, data: Path) -> dict[str, Any]:
     """What the touches say of each triangle, numbered as on the published skin, in mm and degrees.
 
-    The finger alone is fitted, robustly, to the blocks of one parity, and foretells the touches of the other: the skin
-    stays as it is drawn. A touch is of the triangle that has most of its taxels.
+    Touches from elsewhere are among them, for on a misplaced triangle every touch is. The finger alone is fitted,
+    robustly, to the blocks of one parity, and foretells the touches of the other: the skin stays as it is drawn. A
+    touch is of the triangle that has most of its taxels.
     """
     drawn = nao.nominal(what, data)
+    every = unstuck(nao.touches(what, drawn, data, BLOCKS))
     skin = drawn.require_skin()
     odd = every["block"].values[0] % 2 == 1
     felt = np.full((every.sizes["time"], 3), np.nan)

@@ -104,33 +104,35 @@ def compared(
         factor: How many times as far as the prior says they are off.
         counts: Numbers of postures.
     """
-    chosen = bk.next_postures(body, None, probe, max(counts), noise=noise)
-    thought = fitted(body, images(body, chosen.q[:10], noise, 0), noise)
+    chosen = {n: bk.next_postures(body, None, probe, n, noise=noise) for n in counts}
+    thought = fitted(body, images(body, chosen[10].q, noise, 0), noise)
     sd = np.where(thought.fit.free, thought.prior.sds(thought.parameters), 0.0)
     q = probe.postures(body, None)
     q = q[:: max(1, len(q) // 63)]
-    postures = {f"aimed {n}": chosen.q[:n] for n in counts}
+    postures = {f"aimed {n}": chosen[n].q for n in counts}
     postures |= {f"circle {n}": on_circle(body, motion, n) for n in counts}
     errors: dict[str, list[float]] = {"nominal": [], **{name: [] for name in postures}, "aimed 10, refitted": []}
-    candidates = body.felt_robot.sample(4000, seed=7)[:, [body.felt_robot.joint_index(name) for name in body.joints]]
-    candidates = candidates[body.visible(candidates)][:500].numpy()
-    first = bk.next_postures(body, None, probe, 5, candidates=candidates, noise=noise).q
+    first = bk.next_postures(body, None, probe, 5, noise=noise).q
     for arm, true in itertools.islice(drawn(thought, factor * sd, q), arms):
         errors["nominal"].append(error(true, body, q))
         for name, where in postures.items():
             found = fitted(body, images(true, where, noise, arm), noise)
             errors[name].append(error(true, found.body, q))
         # Five, a fit, five more that this fit finds best.
-        more = bk.next_postures(body, images(true, first, noise, arm), probe, 5, candidates=candidates, noise=noise).q
+        more = bk.next_postures(body, images(true, first, noise, arm), probe, 5, noise=noise).q
         found = fitted(body, images(true, np.concatenate([first, more]), noise, arm), noise)
         errors["aimed 10, refitted"].append(error(true, found.body, q))
         print(arm, {name: round(values[-1], 4) for name, values in errors.items()}, flush=True)
-    predicted = {f"aimed {n}": float(chosen.predicted_error[n]) for n in counts}
+    predicted = {f"aimed {n}": float(chosen[n].predicted_error[-1]) for n in counts}
+    predicted["one by one 10"] = float(
+        bk.next_postures(body, None, probe, 10, noise=noise, exchange=False).predicted_error[-1]
+    )
     ratios = {}
     for n in counts:
         ratio = statistics.compare({"circle": errors[f"circle {n}"], "aimed": errors[f"aimed {n}"]}, "circle")["aimed"]
         ratios[str(n)] = [ratio.ratio.estimate, ratio.ratio.lower, ratio.ratio.upper]
-    return {"errors": errors, "predicted": predicted, "ratios": ratios}
+    medians = {name: float(np.median(values)) for name, values in errors.items()}
+    return {"medians": medians, "predicted": predicted, "ratios": ratios, "errors": errors}
 
 
 def main() -> None:

@@ -62,13 +62,13 @@ def measure(cells: int, rows: int) -> dict[str, float]:
     """One study, worked off by one worker in a process that has done nothing before."""
     one, begun = study(cells, rows), []
 
-    def report(done: int, total: int) -> None:
+    def tell(done: int, total: int) -> None:
         if done and not begun:
             begun.append((done, time.perf_counter(), time.process_time()))
 
     with tempfile.TemporaryDirectory() as folder:
         store = Path(folder, "store")
-        one.run(store, workers=1, progress=report)
+        one.run(store, workers=1, progress=tell)
         end, driver = time.perf_counter(), time.process_time()
         workers = resource.getrusage(resource.RUSAGE_CHILDREN)
         begin = time.perf_counter()

@@ -35,6 +35,7 @@ ESTIMATORS: Mapping[str, bk.estimators.Estimator] = {
     "paper_mlp_ensemble": bk.estimators.Ensemble(bk.estimators.PaperMLP(steps=500), members=10),
     "polynomial": bk.estimators.Polynomial(),
     "trig_ridge": bk.estimators.TrigRidge(),
+    "kernel_ridge": bk.estimators.KernelRidge(),
     "gaussian_process": bk.estimators.GaussianProcess(),
     "rational_trig": bk.estimators.RationalTrig(roughness=16.0, iterations=2),
 }

@@ -160,3 +160,12 @@ def test_the_paper_is_not_begun_with_a_body_that_is_unfit(tmp_path, body):
     file = sees_touch(body).save(tmp_path / "sees.toml")
     with pytest.raises(InvalidConfig, match="the eye sees the hand while it touches"):
         fuke2007.check(str(file))
+
+
+def test_a_circle_that_is_too_wide_is_told_beside_one_that_would_do():
+    body = bk.load_embodiment("infant")
+    (wide,) = [
+        one for one in check_embodiment(body, radius=0.3) if "cannot reach" in one.text and one.about == "circle"
+    ]
+    assert "radius (0.04 m would do)" in wide.text
+    assert not [one for one in check_embodiment(body, radius=0.04) if one.about == "circle"]

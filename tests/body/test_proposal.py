@@ -158,3 +158,25 @@ def test_links_that_move_with_a_hand_are_found_with_their_fingers():
     assert "left_hand" in hulls.beyond("left_forearm")
     assert "left_forearm" not in hulls.beyond("left_hand")
     assert "head" not in hulls.beyond("left_forearm")
+
+
+def test_joints_that_cannot_move_are_named_where_the_hand_gets_nowhere():
+    stiff = ARM.format(y=0).replace('lower="-3" upper="3"', 'lower="0" upper="0"')
+    with pytest.raises(BodyImageKinError, match=r"for 'b' cannot move \(look at <limit>\)") as told:
+        propose(bk.Robot.from_urdf(stiff), "lower")
+    assert any(note.count("gets no nearer") == 1 for note in told.value.__notes__)
+
+
+def test_a_hand_is_its_middle_or_its_outer_end():
+    hand = """<robot name="r"><link name="hand"><collision><origin xyz="{x} 0 0"/>
+      <geometry><box size="0.2 0.04 0.06"/></geometry></collision></link></robot>"""
+    for x in (0.1, -0.1):
+        (middle, _), (end, said) = _proposal_skin.balls_of(bk.Robot.from_urdf(hand.format(x=x)), "hand", None)
+        assert middle.radius == end.radius == 0.02
+        np.testing.assert_allclose(middle.offset, [x, 0.0, 0.0])
+        np.testing.assert_allclose(end.offset, [1.8 * x, 0.0, 0.0])
+        assert "outer end" in said
+    assert (
+        len(list(_proposal_skin.balls_of(bk.Robot.from_urdf("<robot name='r'><link name='a'/></robot>"), "a", None)))
+        == 1
+    )

@@ -98,15 +98,34 @@ def test_of_a_skin_the_single_largest_cluster_wins_and_a_touch_without_one_teach
     exp, hand = xr.Dataset(variables), rng.random((1, 5, 2))
     maps = {
         rule: BodyImage.learn(exp, hand, skin=skin, winners=rule, **SETTINGS | {"snapshots": range(5)})
-        for rule in ("first", "all", "largest", None)
+        for rule in ("first", "all", "largest", "middle", None)
     }
     counts = {rule: one.touch_counts.tolist() for rule, one in maps.items()}
     assert counts["largest"] == counts[None] == [3, 3, 0, 0, 1, 0, 0, 0, 0, 0]
     assert counts["all"] == [4, 3, 0, 0, 1, 1, 0, 0, 0, 2]
     assert counts["first"] == [3, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+    # Of two that are as near to the middle, the first.
+    assert counts["middle"] == [3, 0, 0, 0, 1, 0, 0, 0, 0, 0]
     history = maps["largest"].history["tactile_maps"]
     np.testing.assert_array_equal(history[2], history[3])
     assert (history[3] != history[4]).any()
+
+
+def test_a_hand_that_covers_many_taxels_draws_the_map_together_unless_their_middle_wins():
+    line = np.arange(15)[:, None] * [0.01, 0.0, 0.0]
+    skin = bk.Skin.points(line, np.tile([0.0, 0.0, 1.0], (15, 1)), link="l")
+    middle = np.random.default_rng(0).integers(3, 12, 400)
+    touched = middle[:, None] + np.arange(-3, 4)
+    q = np.random.default_rng(1).normal(size=(400, 2))
+    exp = bk.recording(q=q, touched=touched, joints=["a", "b"], order="scattered")
+    hand = np.stack([line[middle, 0], np.zeros(400)], axis=1)[None]
+    spans = []
+    for rule in ("largest", "middle"):
+        found = BodyImage.learn(exp, hand, skin=skin, winners=rule, steps=4000, **SETTINGS | {"snapshots": ()})
+        spans.append(np.ptp(found.tactile_map[3:12, 0]) / 0.08)
+    assert spans[0] < 0.7
+    assert spans[1] > 0.9
+    np.testing.assert_array_equal(np.flatnonzero(found.touch_counts), np.unique(middle))
 
 
 def test_so_many_samples_are_drawn_as_from_a_set():
@@ -132,6 +151,7 @@ def test_what_does_not_fit_is_refused():
     for settings, match in (
         ({"skin": (2, 7), "winners": "all"}, "a grid has one winner"),
         ({"skin": SKIN.distances, "winners": "largest"}, "give a Skin in place of distances"),
+        ({"skin": SKIN.distances, "winners": "middle"}, "give a Skin in place of distances"),
         ({"skin": SKIN, "winners": "most"}, "winners='most'"),
         ({"skin": SKIN, "steps": 0}, "steps=0"),
     ):

@@ -11,7 +11,8 @@ import torch
 import bodyimage_kin as bk
 from bodyimage_kin import metrics
 from bodyimage_kin.calibration import Observed, Prior, calibrate, halves
-from bodyimage_kin.errors import InvalidConfig, InvalidRecording
+from bodyimage_kin.errors import InvalidArray, InvalidConfig, InvalidRecording
+from bodyimage_kin.robot import transforms
 
 
 def seen(body, seed=1, **noise):
@@ -196,6 +197,22 @@ def test_no_truth_reaches_a_fit(body, off):
 def test_mistakes_are_named(body, call, error, message):
     with pytest.raises(error, match=message):
         call(body, seen(body))
+
+
+def test_a_hand_of_many_points_is_found_turned_and_its_points_with_it(body):
+    rng = np.random.default_rng(0)
+    q = seen(body)["q"].values[0, :80]
+    thought = rng.uniform(-0.02, 0.02, (len(q), 3))
+    turn = transforms.rpy_matrix([0.1, -0.2, 0.15])
+    offset = thought @ turn.T + [0.004, -0.003, 0.005]
+    image = body.hand_image(q, offset).numpy()
+    exp = bk.recording(q, hand_image=image, hand_offset=thought, joints=body.joints, unit="m", order="scattered")
+    fit = calibrate(body, Observed(exp, use=["images"], noise={"images": 1e-5}), free=["hand"], folds=2)
+    assert fit.free == 6
+    np.testing.assert_allclose(fit.hand_offset(thought), offset, atol=2e-4)
+    np.testing.assert_allclose(fit.hand_offset(body.hand.offset), fit.body.hand.offset, atol=1e-12)
+    with pytest.raises(InvalidArray, match=r"give \(\*batch, 3\)"):
+        fit.hand_offset([0.0, 0.0])
 
 
 def test_intrinsics_and_a_camera_that_stands_elsewhere_are_found(body):

@@ -12,6 +12,7 @@ from bodyimage_kin.calibration import Observed, calibrate, next_postures
 from bodyimage_kin.errors import InvalidConfig
 
 FACE = bk.probes.Face()
+ANYWHERE = bk.probes.JointSpace(16)
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,87 @@ def test_the_choice_is_greedy(body):
         next_postures(body, None, FACE, 1, candidates=candidates[[index]]).predicted_error[-1] for index in visible[:8]
     ]
     assert one.predicted_error[-1] <= min(alone) + 1e-12
+
+
+def test_what_is_exchanged_leaves_less_than_what_is_chosen_one_by_one(body):
+    """The best after those before need not be among the best together; no single exchange is left that would help."""
+    candidates = body.felt_robot.sample(400, seed=2)
+    candidates = candidates[body.visible(candidates)].numpy()[:60]
+    count = 6
+    chosen = next_postures(body, None, ANYWHERE, count, candidates=candidates)
+    one_by_one = next_postures(body, None, ANYWHERE, count, candidates=candidates, exchange=False)
+    assert chosen.predicted_error[-1] < 0.99 * one_by_one.predicted_error[-1]
+    rows = chosen.chosen
+    for place in range(count):
+        for other in np.setdiff1d(np.arange(len(candidates)), rows)[:6]:
+            tried = rows.copy()
+            tried[place] = other
+            of = next_postures(body, None, ANYWHERE, count, candidates=candidates[tried]).predicted_error[-1]
+            assert of > 0.999 * chosen.predicted_error[-1]
+
+
+@pytest.fixture(scope="module")
+def recorded(body):
+    """Poses of a recording, in the order in which somebody recorded them: along a line, then anywhere."""
+    line = body.felt_home.numpy() + np.linspace(0.0, 0.1, 12)[:, None]
+    anywhere = body.felt_robot.sample(80, seed=3).numpy()
+    q = np.concatenate([line, anywhere])
+    return q[body.visible(torch.from_numpy(q)).numpy()][:30]
+
+
+def test_a_recorded_set_is_replayed_in_the_order_in_which_each_would_have_been_the_best(body, recorded):
+    replay = next_postures(body, None, ANYWHERE, len(recorded), candidates=recorded)
+    assert sorted(replay.chosen) == list(range(len(recorded)))
+    few = next_postures(body, None, ANYWHERE, 4, candidates=recorded, exchange=False)
+    np.testing.assert_array_equal(few.chosen, replay.chosen[:4])
+    np.testing.assert_array_equal(replay.q, recorded[replay.chosen])
+    # After so many of it, less is left than with any other next pose, and than after as many in the recorded order.
+    for count in (3, 6):
+        before, rest = replay.q[: count - 1], replay.chosen[count - 1 :][:8]
+        left = [
+            next_postures(body, None, ANYWHERE, count, candidates=np.vstack([before, recorded[row]])).predicted_error[
+                -1
+            ]
+            for row in rest
+        ]
+        assert np.argmin(left) == 0
+        assert min(left) == pytest.approx(replay.predicted_error[count])
+        first = next_postures(body, None, ANYWHERE, count, candidates=recorded[:count]).predicted_error[-1]
+        assert replay.predicted_error[count] < first
+
+
+def test_a_replay_does_not_depend_on_how_the_set_was_sorted(body, recorded):
+    order = np.random.default_rng(0).permutation(len(recorded))
+    one, other = (next_postures(body, None, ANYWHERE, len(recorded), candidates=q) for q in (recorded, recorded[order]))
+    np.testing.assert_array_equal(one.q, other.q)
+    np.testing.assert_allclose(one.predicted_error, other.predicted_error, rtol=1e-9)
+
+
+def test_a_pose_that_was_recorded_twice_is_replayed_once(body, recorded):
+    twice = np.concatenate([recorded, recorded[:5]])
+    replay = next_postures(body, None, ANYWHERE, len(recorded), candidates=twice)
+    assert len(np.unique(replay.q, axis=0)) == len(recorded)
+    with pytest.raises(InvalidConfig, match=f"only {len(recorded)} candidates"):
+        next_postures(body, None, ANYWHERE, len(twice), candidates=twice)
+
+
+def test_nothing_beyond_the_limits_is_chosen(body, recorded):
+    far = np.concatenate([recorded[:3] + np.eye(5)[4] * 9.0, recorded[:3]])
+    assert sorted(next_postures(body, None, ANYWHERE, 3, candidates=far).chosen) == [3, 4, 5]
+    with pytest.raises(InvalidConfig, match="only 3 candidates in reach"):
+        next_postures(body, None, ANYWHERE, 4, candidates=far)
+
+
+def test_what_was_calibrated_before_counts_beside_what_is_seen(body, aimed):
+    """Both together tell more than either; and the same images handed over twice count once."""
+    first, second = (images_of(body, q) for q in (aimed.q[:5], aimed.q[5:]))
+    fit = calibrate(body, Observed(first, use=["images"], noise={"images": 2e-4}), free=["axes", "offsets"], folds=2)
+    candidates = body.felt_robot.sample(60, seed=5)
+    alone, again, both = (
+        next_postures(fit, seen, FACE, 1, candidates=candidates).predicted_error[0] for seen in (None, first, second)
+    )
+    assert again == alone
+    assert both < 0.7 * alone
 
 
 def test_what_is_foretold_comes_about(body, aimed):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 import bodyimage_kin as bk
 
@@ -68,8 +69,58 @@ def test_the_slope_of_the_foreseen_taxel_is_that_of_the_body(monkeypatch):
 
 def test_the_triangles_of_a_real_torso_are_in_their_places_and_would_be_found_elsewhere(real_data, monkeypatch):
     run = script("nao", monkeypatch)
-    body = run.nao.nominal(run.nao.TORSO, real_data)
-    touches = run.unstuck(run.nao.touches(run.nao.TORSO, body, real_data, run.BLOCKS))
-    found = run.triangles.misplaced(run.nao.TORSO, real_data, touches)
+    found = run.triangles.misplaced(run.nao.TORSO, real_data)
     assert found["misplaced"] == []
     assert found["found_if"]["swapped"] == 1.0
+
+
+def test_of_the_skin_of_an_arm_every_place_is_where_it_touches(real_data, monkeypatch):
+    run = script("nao", monkeypatch)
+    found = run.fitting.found(run.nao.BY_ARM["torso_by_right_arm"], real_data, quick=True)
+    before, after = found.told["calibration"].values()
+    assert before["held_out_mm"] > 30
+    assert (after["numbers"], after["held_out_mm"] < 3) == (12, True)
+    # Blocks that no fit saw, each touch by another place of the arm.
+    q, offset = found.touches["q"].values[0], found.touches["hand_offset"].values[0]
+    sight = found.body.hand_in_skin(q, offset).numpy()
+    skin = found.body.require_skin()
+    places = np.stack([skin.link_positions[one[one >= 0]].mean(0) for one in found.touches["touched"].values[0]])
+    assert np.ptp(offset, axis=0).max() > 0.05
+    assert np.median(np.linalg.norm(sight - places, axis=1)) < 4e-3
+    one_place = found.body.hand_in_skin(q).numpy()
+    assert np.median(np.linalg.norm(one_place - places, axis=1)) > 8e-3
+
+
+@pytest.mark.parametrize(("part", "wrist"), [("torso", "r_wrist"), ("head", "l_wrist")])
+def test_the_public_file_of_nao_and_its_table_are_one_robot(real_data, monkeypatch, part, wrist):
+    run = script("nao", monkeypatch)
+    public = bk.Robot.from_urdf(real_data / "nao" / "nao.urdf")
+    table = run.nao.robot_of(run.nao.RECORDINGS[part])
+    q = public.sample(200, seed=0)
+    shared = [name for name in table.joint_names if name in public.joint_names]
+    values = torch.zeros((len(q), len(table.joint_names)), dtype=torch.float64)
+    for name in shared:
+        values[:, table.joint_index(name)] = q[:, public.joint_index(name)]
+    ends = {"hand": (wrist, (0.05775, 0.0, 0.0))} | ({"head": ("Head", None)} if part == "head" else {})
+    one, other = bk.kinematics(public), bk.kinematics(table)
+    for end, (link, offset) in ends.items():
+        in_torso = torch.linalg.inv(one.pose(q, "torso")) @ one.pose(q, link, offset)
+        by_table = torch.linalg.inv(other.pose(values, "torso")) @ other.pose(values, end)
+        torch.testing.assert_close(in_torso[:, :3, 3], by_table[:, :3, 3], rtol=0.0, atol=1e-12)
+        turned = in_torso[:, :3, :3].mT @ by_table[:, :3, :3]
+        torch.testing.assert_close(turned, turned[:1].expand_as(turned), rtol=0.0, atol=1e-12)
+
+
+def test_nao_by_its_public_file_reaches_its_face(real_data, tmp_path):
+    text = (COMPARISONS / "nao" / "nao.toml").read_text(encoding="utf-8")
+    (tmp_path / "nao.toml").write_text(
+        text.replace('"nao.urdf"', f'"{(real_data / "nao" / "nao.urdf").as_posix()}"'), encoding="utf-8"
+    )
+    body = bk.load_embodiment(tmp_path / "nao.toml")
+    assert (body.name, body.p) == ("nao", len(body.joints))
+    corners = [0, 20, 220, 420, 440]
+    q = body.touch_postures(corners)
+    skin = body.require_skin()
+    away = body.hand_in_skin(q).numpy() - skin.link_positions[corners]
+    np.testing.assert_allclose(np.linalg.norm(away, axis=1), body.hand.radius, atol=1e-6)
+    assert not body.visible(q).any()

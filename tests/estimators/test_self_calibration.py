@@ -10,7 +10,7 @@ import bodyimage_kin as bk
 from bodyimage_kin.body.file import embodiment_folder
 from bodyimage_kin.calibration import Prior, calibrate
 from bodyimage_kin.errors import InvalidConfig, InvalidRecording, UnknownName
-from bodyimage_kin.estimators import SelfCalibration
+from bodyimage_kin.estimators import SelfCalibration, Uncertain
 from bodyimage_kin.estimators.chain import Chain
 from bodyimage_kin.estimators.self_calibration import CalibratedBody, CalibratedChain
 from bodyimage_kin.metrics import pooled_relative_error
@@ -144,6 +144,24 @@ def test_it_is_the_core_that_calibrates_bodies(body, seen):
     torch.testing.assert_close(learned.jacobian(q), found.hand_image_jacobian(q), rtol=1e-6, atol=1e-9)
 
 
+def test_its_doubt_is_that_of_the_calibrated_body_and_of_what_it_draws(body, off, seen, tmp_path):
+    learned = SelfCalibration(body).fit(seen)
+    fit = calibrate(body, seen, prior=Prior(hand_shift=0.02), free=["axes", "offsets", "hand"], folds=2)
+    q = off.touch_postures([0, 220, 440])
+    found, size = learned.covariance(q), learned.covariance(q).abs().amax((1, 2), keepdim=True)
+    # By the chain's geometry, and by the bodies' measures.
+    torch.testing.assert_close(found / size, fit.learned.covariance(q) / size, rtol=0.0, atol=1e-3)
+    for drawn in (learned.draws(400, seed=1), fit.learned.draws(100, seed=1)):
+        entries = torch.stack([one.jacobian(q).flatten(1) for one in drawn])
+        variance, expected = entries.var(0), found.diagonal(dim1=1, dim2=2)
+        assert ((variance / expected).log().abs() < 0.7).all()
+    # An arm that is off as the prior says is as far off as it foretells.
+    wrong = (learned.jacobian(q) - off.hand_image_jacobian(q)).flatten(1)
+    assert 0.1 < float((wrong**2).sum() / found.diagonal(dim1=1, dim2=2).sum()) < 10
+    learned.save(tmp_path)
+    torch.testing.assert_close(bk.load_learned(tmp_path).covariance(q), found, rtol=1e-9, atol=1e-20)
+
+
 @pytest.mark.parametrize("model", [bk.Pinhole(fx=800.0, fy=790.0, cx=320.0, cy=240.0), bk.Tracker()], ids=["px", "m"])
 def test_any_camera_will_do(body, off, model):
     thought, true = (
@@ -157,6 +175,8 @@ def test_any_camera_will_do(body, off, model):
     )  # fmt: skip
     learned = SelfCalibration(thought).fit(exp)
     assert isinstance(learned, CalibratedBody)
+    assert isinstance(learned, Uncertain)
+    assert len(learned.draws(2)) == 2
     assert (learned.m, learned.p, learned.unit) == (model.m, 5, model.unit)
     J, nominal = true.hand_image_jacobian(q), thought.hand_image_jacobian(q)
     assert pooled_relative_error(J, learned.jacobian(q)) < 0.2 * pooled_relative_error(J, nominal)

@@ -194,3 +194,9 @@ def test_a_robot_without_visuals_is_rods_between_its_joints():
     rod = slanted.corners[slanted.links == 0].reshape(-1, 3)
     along = np.array([x, y, z]) / np.linalg.norm([x, y, z])
     assert (rod @ along).max() == pytest.approx(np.linalg.norm([x, y, z]), abs=1e-6)
+
+
+def test_black_is_drawn_grey_for_it_shows_no_shape():
+    assert "0.1 0.2 0.9 1" in BOX
+    surface = triangles(BOX.replace("0.1 0.2 0.9 1", "0 0 0 0.5"), {}, links=["arm"])
+    np.testing.assert_allclose(surface.colours, np.tile([0.5, 0.5, 0.5, 0.5], (12, 1)))

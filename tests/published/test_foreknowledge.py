@@ -121,7 +121,7 @@ def test_the_posterior_shrinks_with_more_of_what_is_touched(body, touch):
     def said(share):
         part = seen.isel(time=slice(0, int(share * seen.sizes["time"])))
         known = fk.Known.of(part, touch.q.values, Analytic(body), most=30)
-        drawn, _ = fk.GaussianProcessPosterior(draws=16, most=200).worlds(known)
+        drawn, _ = fk.GaussianProcessPosterior(draws=16, most=200).truths(known)
         return float(drawn.std(0).mean())
 
     assert said(1.0) < 0.7 * said(0.2)
@@ -143,7 +143,7 @@ def test_an_arm_calibrated_on_images_without_noise_foretells_the_very_error(body
 
 def test_the_error_foretold_is_the_root_mean_square_over_arms(body, known):
     arms = fk.PerturbedArms(body, arms=3)
-    true, estimated = arms.worlds(known)
+    true, estimated = arms.truths(known)
     each = [bk.metrics.pooled_relative_error(J, Jh, known.metric) for J, Jh in zip(true, estimated, strict=True)]
     assert np.ptp(each) > 0.01, "the arms differ"
     assert arms.predict(known) == pytest.approx(np.sqrt(np.mean(np.square(each))))

@@ -11,8 +11,9 @@ import xarray as xr
 
 import bodyimage_kin as bk
 from bodyimage_kin.recordings.motions import Circle, FaceTour, RandomTouch
-from bodyimage_kin.study import Simulation, Study, blocks, recording_of, scores, scoring
+from bodyimage_kin.study import Simulation, Study, recording_of, scores, scoring
 from bodyimage_kin.study.maps import true_map
+from bodyimage_kin.study.random_streams import stream
 
 ASKED = ("relative_error_use", "trajectory_rmse", *scores.MAP_SCORES)
 
@@ -47,7 +48,7 @@ def by_hand(store, seed, body, first_maps):
     learned = bk.estimators.LeastSquares().fit(bk.experience(training))
     felt = bk.experience(touch)
     hand = bk.integrate(felt, learned)
-    som_seed, *seeds = blocks.stream(0, f"infant/still/{seed}/first maps", 1 + first_maps)
+    som_seed, *seeds = stream(0, f"infant/still/{seed}/first maps", 1 + first_maps)
     q = felt["q"].values[0][felt["touched"].values[0, :, 0] >= 0]
     seen = training["hand_image"].values.reshape(-1, 2)
     settings = {

@@ -70,10 +70,10 @@ class PerturbedArms(PlausibleTruths):
         for name in ("axis_spread", "offset_spread", "nominal_error", "encoder_noise", "image_noise"):
             _checks.number(name, getattr(self, name), least=0.0)
 
-    def worlds(
+    def truths(
         self, known: Known
-    ) -> tuple[Float[np.ndarray, "worlds postures m p"], Float[np.ndarray, "worlds postures m p"]]:
-        """One world an arm; its Jacobians are of unit mean square, so that all arms weigh the same."""
+    ) -> tuple[Float[np.ndarray, "truths postures m p"], Float[np.ndarray, "truths postures m p"]]:
+        """One an arm; its Jacobians are of unit mean square, so that all arms weigh the same."""
         check_body(self.body, known)
         streams = np.random.SeedSequence(known.seed).spawn(self.arms + 1)
         drawn = self._draw(known, np.random.default_rng(streams[0]))
@@ -145,10 +145,10 @@ class CalibratedArm(PlausibleTruths):
     def __post_init__(self) -> None:
         _ = self._calibration
 
-    def worlds(
+    def truths(
         self, known: Known
-    ) -> tuple[Float[np.ndarray, "worlds postures m p"], Float[np.ndarray, "worlds postures m p"]]:
-        """A single world, in which the calibrated arm is the true one."""
+    ) -> tuple[Float[np.ndarray, "truths postures m p"], Float[np.ndarray, "truths postures m p"]]:
+        """A single one: the calibrated arm."""
         check_body(self.body, known)
         true: Tensor = known.learn(self._calibration).jacobian(known.postures)
         return true.detach().numpy()[None], known.estimated[None]

@@ -8,7 +8,7 @@ Whoever is silent on a whole condition that was measured has no score: R2 over f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -16,13 +16,14 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Bool, Float
 
-from bodyimage_kin._arrays import as_float_array
+from bodyimage_kin._arrays import ArrayLike, as_float_array
 from bodyimage_kin.errors import InvalidArray, InvalidConfig, UnknownName
 from bodyimage_kin.study.statistics import Interval, resampled_together
 
 __all__ = [
     "Combination",
     "Errors",
+    "Groups",
     "PostureScore",
     "Score",
     "evaluate",
@@ -32,8 +33,10 @@ __all__ = [
     "slope",
 ]
 
-Errors: TypeAlias = Any
+Errors: TypeAlias = ArrayLike
 """(conditions, recordings) positive floats; not finite where a recording failed."""
+Groups: TypeAlias = Sequence[object] | np.ndarray | None
+"""Label of each condition; None: each has its own."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class PostureScore:
     r2: float
 
 
-def r2(measured: Any, predicted: Any) -> float:
+def r2(measured: ArrayLike, predicted: ArrayLike) -> float:
     """``1 - sum (measured - predicted)^2 / sum (measured - mean)^2``; NaN where nothing varies.
 
     Args:
@@ -111,7 +114,7 @@ def r2(measured: Any, predicted: Any) -> float:
     return 1.0 - float(((y - x) ** 2).sum()) / total if total > 0 else float("nan")
 
 
-def slope(measured: Any, predicted: Any) -> float:
+def slope(measured: ArrayLike, predicted: ArrayLike) -> float:
     """Slope of the least-squares line of measured on predicted; NaN where nothing varies. Arguments as in :func:`r2`.
 
     Raises:
@@ -124,7 +127,10 @@ def slope(measured: Any, predicted: Any) -> float:
 
 
 def leave_one_condition_out(
-    measured: Errors, predicted: Any, penalty: float | int = 0.0, groups: Any = None
+    measured: Errors,
+    predicted: ArrayLike,
+    penalty: float | int = 0.0,
+    groups: Groups = None,
 ) -> Float[np.ndarray, "conditions *rest"]:
     """Predictions of each condition, calibrated on all others.
 
@@ -168,10 +174,9 @@ def evaluate(
     predicted: Mapping[str, Errors],
     combinations: Mapping[str, Combination] | None = None,
     *,
-    absolute: Any = (),
-    groups: Any = None,
+    absolute: Collection[str] = (),
+    groups: Groups = None,
     resamples: int = 500,
-    seed: int = 0,
 ) -> dict[str, Score]:
     """Scores predictors of one estimator's error against what was measured, one whole condition out at a time.
 
@@ -184,7 +189,6 @@ def evaluate(
         resamples: Bootstrap samples of the conditions, each calibrated anew and copies of one left out together; the
             interval is of their percentiles, NaN with too few conditions to publish one
             (:data:`bodyimage_kin.study.statistics.NEEDED`): more recordings of the same conditions make no R2 surer.
-        seed: Of the resampling.
 
     Returns:
         Name -> score, combinations last, and ``"mean_of_others"``: the geometric mean error of the other conditions'
@@ -209,12 +213,12 @@ def evaluate(
     for name, recipe in recipes.items():
         x = np.stack([features[one] for one in recipe.of])
         raw = features.get(name) if name in absolute else None
-        found[name] = _score(y, x, recipe.penalty, groups, raw, resamples, seed)
-    found["mean_of_others"] = _score(y, np.ones((1, *y.shape)), 0.0, groups, None, 0, seed)
+        found[name] = _score(y, x, recipe.penalty, groups, raw, resamples)
+    found["mean_of_others"] = _score(y, np.ones((1, *y.shape)), 0.0, groups, None, 0)
     return found
 
 
-def evaluate_by_posture(measured: Any, predicted: Any) -> PostureScore:
+def evaluate_by_posture(measured: ArrayLike, predicted: ArrayLike) -> PostureScore:
     """How well errors of single postures are foretold within a recording.
 
     Args:
@@ -243,7 +247,7 @@ def evaluate_by_posture(measured: Any, predicted: Any) -> PostureScore:
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
-def _pairs(measured: Any, predicted: Any) -> tuple[Float[np.ndarray, "pairs"], Float[np.ndarray, "pairs"]]:
+def _pairs(measured: ArrayLike, predicted: ArrayLike) -> tuple[Float[np.ndarray, "pairs"], Float[np.ndarray, "pairs"]]:
     y, x = as_float_array(measured, "measured"), as_float_array(predicted, "predicted")
     if y.shape != x.shape:
         raise InvalidArray(f"measured has shape {y.shape} but predicted {x.shape}; they must be the same")
@@ -272,10 +276,9 @@ def _score(
     y: Float[np.ndarray, "conditions recordings"],
     x: Float[np.ndarray, "k conditions recordings"],
     penalty: float,
-    groups: Any,
+    groups: Groups,
     raw: Float[np.ndarray, "conditions recordings"] | None,
     resamples: int,
-    seed: int,
 ) -> Score:
     predicted = leave_one_condition_out(y, x, penalty, groups)
     labels = np.unique(np.arange(len(y)) if groups is None else np.asarray(groups), return_inverse=True)[1]
@@ -288,7 +291,7 @@ def _score(
         again = leave_one_condition_out(y[units], x[:, units], penalty, labels[units])
         return _both(*_means(y[units], again))
 
-    explained, line = resampled_together(of, len(y), "conditions", resamples=resamples, seed=seed)
+    explained, line = resampled_together(of, len(y), "conditions", resamples=resamples)
     return Score(
         r2=explained,
         r2_log=r2(*map(np.log, _means(y, predicted))),

@@ -13,6 +13,7 @@ import xarray as xr
 from jaxtyping import Shaped
 
 from bodyimage_kin._files import write_json
+from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import BodyImageKinError
 from bodyimage_kin.published.foreknowledge.evaluate import Combination, Score, evaluate, evaluate_by_posture
 from bodyimage_kin.published.foreknowledge.grid import CONDITIONS, ESTIMATORS, Condition
@@ -46,7 +47,7 @@ class NothingCame(BodyImageKinError):
     """Every condition and seed failed."""
 
 
-def judge(results: xr.Dataset, body: Any, conditions: Sequence[Condition] = CONDITIONS) -> dict[str, Any]:
+def judge(results: xr.Dataset, body: Embodiment, conditions: Sequence[Condition] = CONDITIONS) -> dict[str, Any]:
     """The run in numbers: scores of every predictor for every estimator, and the conditions' means behind them.
 
     Args:

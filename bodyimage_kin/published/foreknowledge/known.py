@@ -175,21 +175,21 @@ class Predictor(abc.ABC):
 
 
 class PlausibleTruths(Predictor):
-    """Foretells by standing plausible truths in for the unknown one: worlds, each with a true Jacobian of its own."""
+    """Foretells by standing plausible truths in for the unknown one."""
 
     absolute = True
 
     @abc.abstractmethod
-    def worlds(
+    def truths(
         self, known: Known
-    ) -> tuple[Float[np.ndarray, "worlds postures m p"], Float[np.ndarray, "worlds postures m p"]]:
-        """Jacobians at the postures of touching in each world: the true ones, and what is learned there [m/rad]."""
+    ) -> tuple[Float[np.ndarray, "truths postures m p"], Float[np.ndarray, "truths postures m p"]]:
+        """Jacobians at the postures of touching: each plausible truth, and what is learned where it holds [m/rad]."""
 
     def foresee(self, known: Known) -> Foresight:
         """Root of the expected squared error over the root of the expected squared size of the truth."""
-        true, estimated = self.worlds(known)
-        by_world = [metrics.relative_error(J, Jh, known.metric) for J, Jh in zip(true, estimated, strict=True)]
+        true, estimated = self.truths(known)
+        by_truth = [metrics.relative_error(J, Jh, known.metric) for J, Jh in zip(true, estimated, strict=True)]
         sizes = [np.einsum("nij,jk,nik->n", J, known.metric, J) for J in true]
-        squared = np.mean([size * one**2 for size, one in zip(sizes, by_world, strict=True)], axis=0)
+        squared = np.mean([size * one**2 for size, one in zip(sizes, by_truth, strict=True)], axis=0)
         by_posture = np.sqrt(squared / np.mean(sizes, axis=0))
         return Foresight(metrics.pooled_relative_error(true, estimated, known.metric), by_posture)

@@ -89,10 +89,10 @@ class GaussianProcessPosterior(PlausibleTruths):
         self._process()
         _checks.whole("draws", self.draws, least=1)
 
-    def worlds(
+    def truths(
         self, known: Known
-    ) -> tuple[Float[np.ndarray, "worlds postures m p"], Float[np.ndarray, "worlds postures m p"]]:
-        """One world a function; the same is learned in all, for all explain what was seen."""
+    ) -> tuple[Float[np.ndarray, "truths postures m p"], Float[np.ndarray, "truths postures m p"]]:
+        """One a function; the same is learned in all, for all explain what was seen."""
         process = known.learn(self._process())
         assert isinstance(process, Drawn)
         functions = process.draws(self.draws, known.seed)

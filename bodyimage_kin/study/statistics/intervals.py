@@ -185,7 +185,7 @@ def resampled_together(
     return found
 
 
-def row(values: Any) -> Float[np.ndarray, "units"]:
+def row(values: ArrayLike) -> Float[np.ndarray, "units"]:
     """Numbers, one a unit.
 
     Raises:

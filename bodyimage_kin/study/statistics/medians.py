@@ -7,12 +7,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import scipy.stats
 from jaxtyping import Float, Int
 
+from bodyimage_kin._arrays import ArrayLike
 from bodyimage_kin._holm import holm
 from bodyimage_kin.errors import InvalidArray
 from bodyimage_kin.study.statistics.intervals import FEWEST, Interval, resampled, row
@@ -70,7 +70,7 @@ class Pair:
     p_holm: float
 
 
-def spread(scores: Any) -> Spread:
+def spread(scores: ArrayLike) -> Spread:
     """Median, quantiles and share above one of a score over units, none of which a pole can move.
 
     The median's interval (of 95 %) is that between two of the values, by the binomial distribution of how many lie
@@ -91,7 +91,7 @@ def spread(scores: Any) -> Spread:
     return Spread(float(median), lower, upper, float(low), float(high), float((values > 1).mean()), units=len(values))
 
 
-def ranked(scores: Mapping[str, Any]) -> dict[tuple[str, str], Pair]:
+def ranked(scores: Mapping[str, ArrayLike]) -> dict[tuple[str, str], Pair]:
     """Every two estimators on the same units, the one of the smaller median first.
 
     Args:
@@ -120,8 +120,8 @@ def ranked(scores: Mapping[str, Any]) -> dict[tuple[str, str], Pair]:
 
 
 def correlation(
-    x: Any,
-    y: Any,
+    x: ArrayLike,
+    y: ArrayLike,
     families: Sequence[str] | None = None,
     *,
     level: float | int = 0.95,
