@@ -98,7 +98,7 @@ WHOLE = ("touched", "block", "repeat", "true_touched")
 """Variables of whole numbers; all others but ``at_reference`` are float64."""
 ORDERS = ("stream", "scattered")
 _FIFTHS = 5
-_PACKAGES = ("bodyimage-kin", "pin", "mujoco", "torch", "numpy", "scipy", "xarray")
+_PACKAGES = ("pin", "mujoco", "torch", "numpy", "scipy", "xarray")
 
 
 def assemble(
@@ -156,7 +156,10 @@ def versions() -> dict[str, str]:
 
 @functools.cache
 def _versions() -> dict[str, str]:
-    return {name: metadata.version(name) for name in _PACKAGES}
+    from bodyimage_kin import __version__
+
+    # Of code that is edited where it lies, what the installer noted is not what runs.
+    return {"bodyimage-kin": __version__, **{name: metadata.version(name) for name in _PACKAGES}}
 
 
 def experience(recording: xr.Dataset) -> xr.Dataset:

@@ -265,15 +265,15 @@ def plain_numbers(value: Any, digits: int | None = 5) -> Any:
     """Results as a JSON file keeps them: numbers to a few digits, and None for those that are not finite.
 
     Args:
-        value: A number, or mappings and sequences of them, nested as they may be; anything else stays as it is.
+        value: A number, or mappings, sequences and arrays of them, nested as they may be; anything else stays as it is.
         digits: How many are significant; None: all.
     """
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
     if isinstance(value, Mapping):
         return {key: plain_numbers(item, digits) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain_numbers(item, digits) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
     if isinstance(value, float):
         if not math.isfinite(value):
             return None

@@ -18,7 +18,7 @@ import torch
 import bodyimage_kin as bk
 from bodyimage_kin.metrics import displacement_error, hold_out, hold_out_far
 from bodyimage_kin.recordings.schema import versions
-from bodyimage_kin.study import statistics
+from bodyimage_kin.study import plain_numbers, statistics
 from bodyimage_kin.study.random_streams import stream
 
 HERE = Path(__file__).parent
@@ -76,15 +76,15 @@ def curves(face: np.ndarray, arcs: np.ndarray, far: np.ndarray) -> dict[str, obj
     """Medians over recordings of each setting, all values, and how the criteria rank the settings beside the face."""
     by_draw = np.median(far, axis=0).T
     return {
-        "on_face": five(np.median(face, axis=0)),
-        "on_face_of_each": five(face),
-        "arcs": five(np.median(arcs.mean(-1), axis=0)),
-        "far": five(np.median(far.mean(-1), axis=0)),
-        "far_of_each_draw": five(by_draw),
+        "on_face": plain_numbers(np.median(face, axis=0)),
+        "on_face_of_each": plain_numbers(face),
+        "arcs": plain_numbers(np.median(arcs.mean(-1), axis=0)),
+        "far": plain_numbers(np.median(far.mean(-1), axis=0)),
+        "far_of_each_draw": plain_numbers(by_draw),
         "rank_correlation": {
-            "arcs": five(rank(arcs.mean(-1), face)),
-            "far": five(rank(far.mean(-1), face)),
-            "far_of_each_draw": five([rank(one[None], np.median(face, axis=0)[None]) for one in by_draw]),
+            "arcs": plain_numbers(rank(arcs.mean(-1), face)),
+            "far": plain_numbers(rank(far.mean(-1), face)),
+            "far_of_each_draw": plain_numbers([rank(one[None], np.median(face, axis=0)[None]) for one in by_draw]),
         },
         "best": {
             "on_face": ROUGHNESS[int(np.median(face, axis=0).argmin())],
@@ -98,13 +98,6 @@ def curves(face: np.ndarray, arcs: np.ndarray, far: np.ndarray) -> dict[str, obj
 def rank(criterion: np.ndarray, face: np.ndarray) -> float:
     """Median over recordings of the rank correlation over settings."""
     return float(np.median([statistics.correlation(*pair).estimate for pair in zip(criterion, face, strict=True)]))
-
-
-def five(values: object) -> object:
-    """Numbers of five digits."""
-    if isinstance(values, np.ndarray | list):
-        return [five(one) for one in values]
-    return float(f"{float(values):.5g}")  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

@@ -120,7 +120,9 @@ def links(results: xr.Dataset) -> dict[str, Any]:
     found = {}
     for first, second in ((0, 1), (1, 2), (0, 2)):
         one = chain(results, CHAIN[first], CHAIN[second], leave_out=out, families=FAMILIES).squeeze("embodiment")
+        every = chain(results, CHAIN[first], CHAIN[second], leave_out=out)
         values = {str(name): float(value) for name, value in one.data_vars.items()}
+        values["every_estimator"] = every["correlation"].item()
         found[f"{CHAIN[first]} -> {CHAIN[second]}"] = {
             name: round(value, 3) if np.isfinite(value) else None for name, value in values.items()
         }
