@@ -134,7 +134,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder of the recordings")
     parser.add_argument(
-        "--circles", type=int, help="recordings that are learned from (default: 20; of arms and doubt: 10)"
+        "--circles", type=int, help="recordings that are learned from (default: 20; of doubt: 10)"
     )
     parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--quick", action="store_true", help="two circles, one calibration")
@@ -164,7 +164,7 @@ def main() -> None:
                 0,
                 f"skipped: there is no nao/{nao.RECORDINGS[part].file} in {asked.data}; --help says where it is from\n",
             )
-    wanted = asked.circles or (10 if asked.arms or asked.doubt else 20)
+    wanted = asked.circles or (10 if asked.doubt else 20)
     seeds = range(2 if asked.quick else wanted)
     with ProcessPoolExecutor(asked.workers) as pool:
         for part in parts:
