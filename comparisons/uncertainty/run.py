@@ -3,7 +3,7 @@
 Every body is an infant with joints off by the default prior (axes 3 degrees, origins 5 mm). It watches its hand on the
 paper's circle, with all noise, then touches its face. Functions drawn from what was learned are integrated, each gives
 a map, and their spread is held against the map of the true Jacobian, integrated alike, and that of direct sight.
-Some five minutes of one quiet core; ``--quick`` for four bodies.
+Some six minutes of one quiet core; ``--quick`` for four bodies.
 """
 
 from __future__ import annotations
