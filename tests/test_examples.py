@@ -84,7 +84,9 @@ def test_an_example_runs_as_a_notebook(path, tmp_path):
     outputs = [one for cell in notebook["cells"] for one in cell.get("outputs", ())]
     printed = ["".join(one["text"]) for one in outputs if one["output_type"] == "stream"]
     shown = [one["data"] for one in outputs if one["output_type"] in ("display_data", "execute_result")]
-    assert not [one for one in outputs if one.get("name") == "stderr"]
+    # Nobody complains; that something is compiled, once on a machine, may be said.
+    complaints = ["".join(one["text"]) for one in outputs if one.get("name") == "stderr"]
+    assert not [text for text in complaints if "compiling for this processor, once" not in text]
     assert printed
     assert any("image/png" in one for one in shown)
     # Nothing dumps arrays: what a cell ends with is shown in a few lines.

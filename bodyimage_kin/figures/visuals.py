@@ -147,7 +147,8 @@ def link_poses(robot: Robot, posture: Mapping[str, Any]) -> dict[str, Float[np.n
 
 def sticks(robot: Robot) -> dict[str, tuple[Visual, ...]]:
     """A ball for each link, and a rod from it to each link that hangs from it."""
-    size = sum(float(np.linalg.norm(joint.xyz)) for joint in robot.tree.joints) or 1.0
+    # Of its longest limb: a hand with many fingers must not make the rods thicker than the arm is long.
+    size = max(_length(robot, link) for link in robot.link_names) or 1.0
     ball, rod = 0.016 * size, 0.007 * size
     found = {name: [Visual(Sphere(ball))] for name in robot.link_names}
     for joint in robot.tree.joints:
@@ -157,6 +158,11 @@ def sticks(robot: Robot) -> dict[str, tuple[Visual, ...]]:
             along = (0.0, float(np.arccos(z / length)), float(np.arctan2(y, x)))
             found[joint.parent].append(Visual(Cylinder(rod, length), (x / 2, y / 2, z / 2), along))
     return {name: tuple(of) for name, of in found.items()}
+
+
+def _length(robot: Robot, link: str) -> float:
+    """Of the rods from the root to a link [m]."""
+    return float(sum(np.linalg.norm(joint.xyz) for joint in robot.path(link)))
 
 
 def _normals(shape: Shape, mesh: trimesh.Trimesh) -> Float[np.ndarray, "triangles 3 3"]:

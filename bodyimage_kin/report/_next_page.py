@@ -26,11 +26,13 @@ def write(chosen: NextPostures, body: Embodiment, probes: Sequence[str], path: P
             "What was done",
             [
                 "The body may be off in its axes and offsets by as much as its prior allows, less what was seen "
-                "already tells. Of all candidates within the joint limits in which the camera sees the hand, each "
-                f"posture is the one whose image lowers the expected error {where} most, given those before it.",
+                "already tells. Candidates are postures within the joint limits in which the camera sees the hand. "
+                f"They are chosen one by one, by how much the image of each lowers the expected error {where}, then "
+                "exchanged as long as that lowers what is left after all of them; the one that tells most is first.",
                 "The expected error is that of the body fitted to these images, for bodies that are off as the prior "
                 "says; it is no promise for one that is off otherwise, and far too hopeful or too gloomy while only a "
-                "handful of postures was seen. Go to the postures in this order, calibrate, and ask again.",
+                "handful of postures was seen. Go to all of them, calibrate, and ask again. For fewer, ask anew: "
+                "the best few together are not the first of these.",
             ],
         )
     ]

@@ -6,6 +6,7 @@ import json
 import multiprocessing
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,15 @@ import xarray as xr
 from bodyimage_kin import figures
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.body.file import load_embodiment
+from bodyimage_kin.errors import InvalidGeometry
 from bodyimage_kin.published import fuke2007
 from bodyimage_kin.published.fuke2007 import CONDITIONS, DIRECT, PROBES
 from bodyimage_kin.report._fuke2007 import PAPER, Run, pictures_of
 from bodyimage_kin.report._limbs import limbs
 from bodyimage_kin.report._page import Picture, inlined, write_page
+from bodyimage_kin.robot import Robot
+from bodyimage_kin.robot.geometry import Mesh
+from bodyimage_kin.robot.meshes import mesh_path
 
 __all__ = ["write_reproduction"]
 
@@ -76,7 +81,21 @@ def write_reproduction(
 def _body(results: xr.Dataset) -> Embodiment:
     config = json.loads(results.attrs["config"])
     (table,) = config["embodiments"].values()
-    return load_embodiment(table["embodiment"], table.get("backend"), mesh_folder=table.get("mesh_folder"))
+    body = load_embodiment(table["embodiment"], table.get("backend"), mesh_folder=table.get("mesh_folder"))
+    return replace(body, robot=_drawable(body.robot))
+
+
+def _drawable(robot: Robot) -> Robot:
+    """The robot, drawn as rods where a mesh of its visuals is not there: what was computed is worth a page."""
+    try:
+        for link, geometry in robot.geometry.items():
+            for visual in geometry.visuals:
+                if isinstance(visual.shape, Mesh):
+                    mesh_path(visual.shape, link, robot.file, robot.mesh_folder)
+    except InvalidGeometry:
+        bare = {link: replace(geometry, visuals=()) for link, geometry in robot.geometry.items()}
+        return replace(robot, geometry=bare)
+    return robot
 
 
 def _draw_all(run: Run, folder: Path) -> dict[str, tuple[Path, ...]]:

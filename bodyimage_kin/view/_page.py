@@ -29,6 +29,11 @@ class _Server(viser.ViserServer):
         with redirect_stdout(io.StringIO()):
             super().__init__(HOST, port, label, verbose=False)
 
+    def stop(self) -> None:
+        """Ends it."""
+        with redirect_stdout(io.StringIO()):
+            super().stop()
+
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuses."""
         return None

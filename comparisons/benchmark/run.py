@@ -27,7 +27,7 @@ import bodyimage_kin as bk
 from bodyimage_kin import metrics
 from bodyimage_kin.calibration import drawn_bodies
 from bodyimage_kin.errors import BodyImageKinError, DataWarning, Unreachable
-from bodyimage_kin.estimators import Estimator, Learned, edges
+from bodyimage_kin.estimators import Estimator, Learned, LearnedJacobian, edges
 from bodyimage_kin.study.specs import ESTIMATOR
 from bodyimage_kin.study.statistics import ratio_of_sums
 
@@ -36,9 +36,49 @@ VERSION = 1
 """Of tasks and splits; rows of another version are not compared."""
 BODIES, RUNS, FOLDS = 20, 20, 5
 NOISE = bk.Noise(torque=0.1, encoder=1e-3, image=2e-4)
+EYE = 1
+"""Of the arm, whose pixels are a task."""
 REPEATS = 1e-3
 """Postures nearer than twice this [rad] are one, seen again."""
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnJacobian(LearnedJacobian):
+    """The Jacobian of a body as it is drawn; of no motion where its hand is out of its sight."""
+
+    body: bk.Embodiment
+
+    @property
+    def p(self) -> int:
+        """Number of felt joints."""
+        return self.body.p
+
+    @property
+    def m(self) -> int:
+        """Number of coordinates of a hand image."""
+        return self.body.m
+
+    def _displacement(self, q: torch.Tensor, dq: torch.Tensor) -> torch.Tensor:
+        return (self._jacobian(q) @ dq[..., None])[..., 0]
+
+    def _jacobian(self, q: torch.Tensor) -> torch.Tensor:
+        return torch.nan_to_num(self.body.hand_image_jacobian(q, on_invisible="nan"), nan=0.0)
+
+
+@dataclass(frozen=True)
+class Drawing(Estimator):
+    """Knows the body of each task as it is drawn, and learns nothing."""
+
+    def fit(self, exp: xr.Dataset, seed: int = 0) -> DrawnJacobian:
+        """The nominal body's Jacobian; a tracker stands where that body best agrees with what was seen."""
+        unit = str(exp["hand_image"].attrs["units"])
+        if [str(name) for name in exp["joint"].values] != list(motoman.JOINTS):
+            return DrawnJacobian(bk.load_embodiment("infant"), unit=unit)
+        return DrawnJacobian(motoman.seen_by(EYE) if unit == "px" else motoman.tracked(exp), unit=unit)
+
+
 OURS: Mapping[str, Any] = {
+    "nominal body": Drawing(),
     "least squares": "LeastSquares",
     "paper's network": {"PaperMLP": {"steps": 500}},
     "nearest neighbours": "NearestNeighbours",
@@ -109,7 +149,7 @@ def tracked(folder: Path, name: str) -> Iterator[Part]:
 def pixels(folder: Path) -> Iterator[Part]:
     """One marker before one eye, fifths of each region's poses in turn: both recordings go through the same ones."""
     for name in PIXELS:
-        both = [motoman.markers(folder, f"no_leica_{name.format(one)}", 1).of(0) for one in (1, 2)]
+        both = [motoman.markers(folder, f"no_leica_{name.format(one)}", EYE).of(0) for one in (1, 2)]
         number = np.concatenate([one.pose for one in both])
         exp = bk.recording(
             q=np.concatenate([one.q for one in both]),

@@ -1,7 +1,7 @@
 """Other motions in view against the paper's circle: ``python comparisons/motions/run.py``, results beside this file.
 
 Every body is an infant with joints off by the default prior (axes 3 degrees, origins 5 mm), and makes one recording of
-each motion, of equal time and with all noise. Some six minutes of one quiet core; ``--quick`` for four bodies.
+each motion, of equal time and with all noise. Some eight minutes of one quiet core; ``--quick`` for four bodies.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ MOTIONS: Mapping[str, bk.motions.Motion] = {
     "lissajous": bk.motions.Lissajous(duration=CIRCLES.duration),
     "babbling": bk.motions.Babbling(duration=CIRCLES.duration),
 }
+_ACROSS = 3
+"""Panels beside each other."""
 LABELS = {"gaussian_process_tuned": "GP of degree 2"}
 WORDS = {
     "circle": "the paper's circle, 3 cm in front",
@@ -152,17 +154,22 @@ def markdown(found: Mapping[str, Any]) -> str:
 @figures.labelled(LABELS)
 def draw(found: Mapping[str, Any], folder: Path) -> None:
     """A panel an estimator: the ratio to the circle, motion by motion."""
-    figure, grid = figures.panels(1, len(found["judged"]), height=1.7, sharey=True, sharex=True)
+    rows = -(-len(found["judged"]) // _ACROSS)
+    figure, grid = figures.panels(rows, _ACROSS, height=1.5 * rows, sharey=True, sharex=True)
+    for axes in grid.flat[len(found["judged"]) :]:
+        axes.set_axis_off()
     others = [motion for motion in MOTIONS if motion != "circle"]
-    for axes, (name, of) in zip(grid[0], found["judged"].items(), strict=True):
+    for axes, (name, of) in zip(grid.flat, found["judged"].items(), strict=False):
         ratios = np.array([of[motion]["ratio"] for motion in others])
-        rows = np.arange(len(others))[::-1]
+        place = np.arange(len(others))[::-1]
         axes.axvline(1.0, color="0.6", linewidth=0.8)
-        axes.errorbar(ratios[:, 0], rows, xerr=np.abs(ratios[:, 1:] - ratios[:, :1]).T, fmt="o", color="black", ms=3)
-        axes.set(title=figures.label(name), xlabel="error over the circle's", xscale="log")
+        axes.errorbar(ratios[:, 0], place, xerr=np.abs(ratios[:, 1:] - ratios[:, :1]).T, fmt="o", color="black", ms=3)
+        axes.set(title=figures.label(name), xscale="log")
         axes.set_xticks([0.5, 1.0, 2.0], ["0.5", "1", "2"])
         axes.minorticks_off()
-        axes.set_yticks(rows, [motion.replace("_", " ") for motion in others])
+        axes.set_yticks(place, [motion.replace("_", " ") for motion in others])
+    for axes in grid[-1]:
+        axes.set_xlabel("error over the circle's")
     figures.save(figure, folder, "ratios")
 
 

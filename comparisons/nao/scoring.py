@@ -157,6 +157,9 @@ def summary(circles: list[Scores]) -> dict[str, dict[str, list[float]]]:
             if score in circles[0][name][0]:
                 whole = [one[name][0][score] for one in circles]
                 drawn = [draw[score] for one in circles for draw in one[name][1:]]
+                if np.isnan([*whole, *drawn]).any():
+                    # Too few taxels in a draw to speak of their neighbourhoods.
+                    continue
                 found[name][score] = [float(np.mean(whole)), *map(float, np.quantile(drawn, [0.025, 0.975]))]
     return found
 

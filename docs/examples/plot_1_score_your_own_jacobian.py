@@ -44,7 +44,7 @@ for name in ("scale", "mean_excited", "mean_unexcited", "variation", "total"):
 # Right, the squared error over the whole face as the sum of its parts.
 
 figure, (*faces, bars) = plt.subplots(1, 3, figsize=(8.5, 3.3), layout="constrained")
-jacobians = {"as measured": mine, f"best single factor, {parts.best_scale:.2f}": parts.best_scale * mine}
+jacobians = {"as measured": mine, f"scaled by its best factor, {parts.best_scale:.2f}": parts.best_scale * mine}
 for axes, (title, jacobian) in zip(faces, jacobians.items(), strict=True):
     errors = bk.metrics.jacobian_errors(true, jacobian, metric=excitation.motion_metric)
     bk.figures.face(body, errors.relative_error, axes, label="relative error", limits=(0, 0.8))

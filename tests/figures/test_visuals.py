@@ -196,6 +196,16 @@ def test_a_robot_without_visuals_is_rods_between_its_joints():
     assert (rod @ along).max() == pytest.approx(np.linalg.norm([x, y, z]), abs=1e-6)
 
 
+def test_rods_are_as_thick_whatever_else_hangs_on_the_robot():
+    bare = re.sub("<visual>.*?</visual>", "", BOX, flags=re.DOTALL)
+    finger = '<link name="f{0}"/><joint name="f{0}" type="fixed"><parent link="base"/><child link="f{0}"/>'
+    fingers = "".join(finger.format(one) + '<origin xyz="0 0.1 0"/></joint>' for one in range(30))
+    one, other = (
+        triangles(urdf, {}, links=["slide"]) for urdf in (bare, bare.replace("</robot>", f"{fingers}</robot>"))
+    )
+    np.testing.assert_allclose(np.ptp(other.corners, axis=(0, 1)), np.ptp(one.corners, axis=(0, 1)), rtol=1e-9)
+
+
 def test_black_is_drawn_grey_for_it_shows_no_shape():
     assert "0.1 0.2 0.9 1" in BOX
     surface = triangles(BOX.replace("0.1 0.2 0.9 1", "0 0 0 0.5"), {}, links=["arm"])

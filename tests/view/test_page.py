@@ -117,6 +117,12 @@ def test_the_page_is_served_to_this_machine_alone(page):
     assert page.server.request_share_url() is None
 
 
+def test_a_page_says_nothing_by_itself(scene, capsys):
+    view.serve(scene, 0).stop()
+    said = capsys.readouterr()
+    assert said.out == said.err == ""
+
+
 def test_sliders_and_selectors_move_what_is_shown(page, scene):
     last = int(page.time.max)
     before = np.array(page._drawing.hands["hand"].position)
