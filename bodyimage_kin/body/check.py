@@ -174,11 +174,14 @@ def _circle(body: Embodiment, paper: bool, radius: float, distance: float | None
 
 def _radius_that_does(body: Embodiment, frame: Frame, aside: Float[np.ndarray, "samples 3"]) -> str:
     """The largest of a few smaller radii all whose places are reached and seen, in words, given the unit circle."""
-    for radius in _SMALLER:
-        q, reached = body.reach(torch.from_numpy(frame.origin + radius * aside))
-        if bool((reached & body.visible(q)).all()):
-            return f" ({radius:g} m would do)"
-    return ""
+
+    def does(radius: float, places: Float[np.ndarray, "some 3"]) -> bool:
+        q, reached = body.reach(torch.from_numpy(frame.origin + radius * places))
+        return bool((reached & body.visible(q)).all())
+
+    # What is out of reach is looked for at length: a few places spare the others.
+    found = next((one for one in _SMALLER if does(one, aside[::12]) and does(one, aside)), None)
+    return "" if found is None else f" ({found:g} m would do)"
 
 
 def _touch(body: Embodiment, paper: bool) -> Iterator[Finding]:

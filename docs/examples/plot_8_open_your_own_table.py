@@ -58,6 +58,7 @@ for row, of in enumerate(errors.values()):
     axes.plot(of, [row] * len(of), "o", alpha=0.7)
 axes.axvline(found[0].floor, color="0.5", linestyle="--", linewidth=0.8, label="noise alone")
 axes.set(yticks=range(len(errors)), xlabel="error of foreseen motion [px]", xlim=(0, None))
+axes.set_ylim(-0.5, len(errors) - 0.5)
 axes.set_yticklabels([bk.figures.label(name) for name in errors])
 axes.legend()
 plt.show()

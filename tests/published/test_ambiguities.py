@@ -251,7 +251,7 @@ def test_what_is_judged_has_the_form_of_what_is_kept(found, tmp_path):
     for name in SOME:
         assert form(found["values"][name]) == form(kept["values"][name])
         assert form(found["summary"][name]) == form(kept["summary"][name])
-    assert kept.keys() - found.keys() == {"command", "network_difference"}
+    assert kept.keys() - found.keys() == {"command"}
     ambiguities.write_summary({"command": "run", **found}, tmp_path)
     assert json.loads((tmp_path / "results.json").read_text()) == {"command": "run", **found}
     assert (found["seeds"], found["duration"]) == (1, DURATION)

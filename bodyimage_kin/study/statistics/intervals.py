@@ -215,7 +215,7 @@ def strata(scores: Scores) -> list[Float[np.ndarray, "recordings"]]:
 # Inner ---------------------------------------------------------------------------------------------------------------
 
 
-def _check(level: float, resamples: int) -> None:
+def _check(level: float | int, resamples: int) -> None:
     if not 0 < level < 1 or resamples < 1:
         raise InvalidConfig(f"level={level!r}, resamples={resamples!r}: give a level between 0 and 1, and resamples")
 
