@@ -133,9 +133,7 @@ def main() -> None:
     """Writes PART.json, PART.md and PART.png for each part that is touched, and the same of its triangles."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder of the recordings")
-    parser.add_argument(
-        "--circles", type=int, help="recordings that are learned from (default: 20; of doubt: 10)"
-    )
+    parser.add_argument("--circles", type=int, help="recordings that are learned from (default: 20; of doubt: 10)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--quick", action="store_true", help="two circles, one calibration")
     parser.add_argument(
