@@ -101,8 +101,8 @@ def test_recordings_are_kept(folder):
 def test_every_figure_is_there_twice(folder):
     names = {path.stem for path in (folder / "figures").glob("*.svg")}
     assert names == {path.stem for path in (folder / "figures").glob("*.png")}
-    # A picture of postures and one of joints show no values.
-    assert len(names - {path.stem for path in (folder / "figures").glob("*.csv")}) == 2
+    # Each with its values: also of postures and of joints.
+    assert names == {path.stem for path in (folder / "figures").glob("*.csv")}
     for number in range(3, 12):
         assert any(name.startswith(f"fig{number:02d}") for name in names), number
 
