@@ -133,7 +133,7 @@ def test_a_reproduction_looks_where_it_is_told(folder, monkeypatch, capsys):
         asked.append(settings.get("mesh_folder"))
         return real(*given, **settings)
 
-    modules = ("bodyimage_kin.study.study", "bodyimage_kin.published.fuke2007.grid")
+    modules = ("bodyimage_kin.study.bodies", "bodyimage_kin.published.fuke2007.grid")
     for module in map(importlib.import_module, modules):
         monkeypatch.setattr(module, "load_embodiment", loaded)
     arguments = ["reproduce", "--out", str(folder / "out"), "--embodiment", str(folder / "arm.toml")]
