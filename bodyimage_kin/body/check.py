@@ -157,11 +157,13 @@ def _circle(body: Embodiment, paper: bool, radius: float, distance: float | None
     what = f"the circle of radius {radius:g} m at distance {distance:.3g} m"
     missed, unseen = int((~reached).sum()), int((reached & ~body.visible(q)).sum())
     if missed:
+        # Looked for where some of it is in reach: a circle out of reach as a whole is hardly helped by a radius.
+        other = _radius_that_does(body, frame, aside) if missed < _SAMPLES else ""
         yield Finding(
             "error" if paper or missed == _SAMPLES else "note",
             "circle",
             f"the hand cannot reach {missed} of {_SAMPLES} places of {what} within the joint limits; give another "
-            f"radius{_radius_that_does(body, frame, aside)}, distance or home",
+            f"radius{other}, distance or home",
         )
     if unseen:
         yield Finding(

@@ -118,6 +118,7 @@ def test_fit_learns_and_saves(tmp_path):
     assert bool((learned.jacobian([0.0] * 5) == again.jacobian([0.0] * 5)).all())
 
 
+@pytest.mark.slow
 def test_a_body_is_proposed_written_and_drawn(tmp_path, capsys):
     urdf = str(bk.load_embodiment("infant").robot.file)
     asked = ["embodiment", "new", urdf, "--hand", "left_hand", "--camera", "right_eye", "-o", str(tmp_path / "my.toml")]

@@ -187,6 +187,7 @@ def test_what_misbehaves_on_dask_with_threads_costs_itself(tmp_path):
         check_misbehaving(misbehaving().run(tmp_path, cluster.scheduler_address))
 
 
+@pytest.mark.slow
 def test_what_a_cell_leaves_behind_costs_no_other_cell(tmp_path):
     rows = {
         "dies_later": odd_estimators.Odd("dies later"),
@@ -289,8 +290,14 @@ def runs(process):
         return False
 
 
+QUIET = (signal.SIGTERM, signal.SIGHUP)
+"""They end a driver as SIGKILL and SIGINT do, one at once and one with a word."""
+
+
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="asks /proc")
-@pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize(
+    "by", [signal.SIGKILL, signal.SIGINT, *(pytest.param(s, marks=pytest.mark.slow) for s in QUIET)]
+)
 def test_children_end_with_the_driver_however_that_ends(by, tmp_path):
     # No `if __name__ == "__main__":` either: a plain script runs a study.
     script = tmp_path / "script.py"
@@ -322,7 +329,10 @@ def end_with_children(command, by, tmp_path):
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="asks /proc")
-@pytest.mark.parametrize(("by", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("by", "status"),
+    [(signal.SIGTERM, 143), pytest.param(signal.SIGHUP, 129, marks=pytest.mark.slow), (signal.SIGINT, 130)],
+)
 def test_the_command_ends_in_one_line_with_its_children(by, status, tmp_path):
     (tmp_path / "study.toml").write_text(
         'seeds = 1\nembodiments.infant = "infant"\nprobes.on_face = "on_face"\n'
