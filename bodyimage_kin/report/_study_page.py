@@ -137,8 +137,13 @@ def _sentences(results: xr.Dataset, medians: Mapping[str, xr.Dataset]) -> list[s
                 f"{figures.label(probe).capitalize()}, {best[0]} errs least ({best[1]:.0f} %) and {worst[0]} most "
                 f"({worst[1]:.0f} %); whoever predicts no motion at all errs by 100 %."
             )
-    count = int((results["failure"] != "").sum())
-    said.append(f"{_many(count, 'fit')} of {results['failure'].size} failed." if count else "No fit failed.")
+    failed = results["failure"] != ""
+    tried = failed
+    for score in medians:
+        within = [dim for dim in results[score].dims if dim not in failed.dims]
+        tried = tried | results[score].notnull().any(within)
+    count = int(failed.sum())
+    said.append(f"{_many(count, 'fit')} of {int(tried.sum())} failed." if count else "No fit failed.")
     return said
 
 
