@@ -85,7 +85,8 @@ def test_what_a_library_raises_does_not_hide_what_it_gets_wrong(library: Any, ad
                 raise RuntimeError("sliding is not for us")
             super().__init__(urdf)
 
-    failures = conform(None, {"fragile": Fragile}, 60, laws=["pose_equals_oracle"]).verdicts[0].failures
+    # Which robots are drawn hangs on what modules are loaded (see random_cases): enough of them to have both kinds.
+    failures = conform(None, {"fragile": Fragile}, 200, laws=["pose_equals_oracle"]).verdicts[0].failures
     assert len(failures) == 2
     assert "against the oracle" in str(failures[0])
     assert "raises RuntimeError: sliding is not for us" in str(failures[1])
