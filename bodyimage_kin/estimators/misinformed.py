@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -12,7 +12,7 @@ from bodyimage_kin import _checks
 from bodyimage_kin.body.embodiment import Embodiment
 from bodyimage_kin.errors import InvalidConfig
 from bodyimage_kin.estimators.base import Estimator, LearnedJacobian
-from bodyimage_kin.estimators.parametric import Mount, ParametricBody
+from bodyimage_kin.estimators.parametric import Mount, ParametricBody, spread_of
 from bodyimage_kin.recordings import experience
 
 __all__ = ["Misinformed"]
@@ -45,7 +45,7 @@ class Misinformed(Estimator):
     def __post_init__(self) -> None:
         for name in ("axis_spread", "offset_spread", "hand_spread"):
             _checks.number(name, getattr(self, name), least=0.0)
-        if "body" not in [field.name for field in fields(self.spec)]:  # type: ignore[arg-type]
+        if not hasattr(self.spec, "body"):
             raise InvalidConfig(
                 f"{type(self.spec).__name__} knows no body of which it could be misinformed; give one that does, "
                 "such as Analytic or SelfCalibration"
@@ -77,14 +77,11 @@ class Misinformed(Estimator):
         hand = Mount("hand", "hand", body.hand.link, np.eye(4))
         camera = Mount("camera", "camera", body.camera.link, body.camera.link_T_camera.numpy())
         parametric = ParametricBody(body.felt_robot, body.joints, [camera, hand])
-        groups = {"axes": self.axis_spread, "offsets": self.offset_spread}
-        spread = [
-            (self.hand_spread if one.unit == "m" else 0.0) if one.group == "hand" else groups.get(one.group, 0.0)
-            for one in parametric.parameters
-        ]
+        spreads = self.axis_spread, self.offset_spread, self.hand_spread
+        spread = np.array([spread_of(one, *spreads, held=0.0) for one in parametric.parameters])
         rng = np.random.default_rng(np.random.SeedSequence(seed))
         for _ in range(_TRIES):
-            wrong = parametric.body_at(body, np.array(spread) * rng.standard_normal(len(spread)))
+            wrong = parametric.body_at(body, spread * rng.standard_normal(len(spread)))
             if bool(torch.isfinite(torch.as_tensor(wrong.hand_image(q, on_invisible="nan"))).all()):
                 return wrong
         raise InvalidConfig(

@@ -29,7 +29,7 @@ from bodyimage_kin.estimators import _point_kernels
 from bodyimage_kin.robot import Robot, transforms
 from bodyimage_kin.robot.tree import Joint
 
-__all__ = ["Frame", "Mount", "Parameter", "ParametricBody"]
+__all__ = ["Frame", "Mount", "Parameter", "ParametricBody", "spread_of"]
 
 Group = Literal["axes", "offsets", "encoders", "hand", "camera", "intrinsics", "skin", "tracker", "plane"]
 GROUPS: tuple[Group, ...] = ("axes", "offsets", "encoders", "hand", "camera", "intrinsics", "skin", "tracker", "plane")
@@ -51,6 +51,22 @@ class Parameter:
     group: Group
     unit: str
     size: float = 1.0
+
+
+def spread_of(parameter: Parameter, axes: float, offsets: float, hand: float, held: float) -> float:
+    """How far a number of a body may be off that has a hand at one point.
+
+    Args:
+        parameter: The number.
+        axes: Standard deviation of an axis' tilt [rad].
+        offsets: Of a joint's origin [m].
+        hand: Of the hand's place on its link [m].
+        held: What stands for all others, which are not off.
+    """
+    if parameter.group == "hand":
+        # Turning one point about itself does what shifting it does.
+        return hand if parameter.unit == "m" else held
+    return {"axes": axes, "offsets": offsets}.get(parameter.group, held)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from bodyimage_kin.estimators.chain import Chain
 from bodyimage_kin.estimators.evidence import Images
 from bodyimage_kin.estimators.intrinsics import Intrinsics
 from bodyimage_kin.estimators.map_fit import Fit, maximum_a_posteriori
-from bodyimage_kin.estimators.parametric import Mount, Parameter, ParametricBody
+from bodyimage_kin.estimators.parametric import Mount, ParametricBody, spread_of
 from bodyimage_kin.recordings import require_aligned
 
 __all__ = ["BodyProcess", "CalibratedBody", "CalibratedChain", "ChainProcess", "SelfCalibration"]
@@ -226,7 +226,8 @@ class SelfCalibration(Estimator):
         camera = Mount("camera", "camera", body.camera.link, body.camera.link_T_camera.numpy())
         hand = Mount("hand", "hand", body.hand.link, np.eye(4))
         parametric = ParametricBody(body.felt_robot, body.joints, [camera, hand])
-        sd = np.array([self._spread(one) for one in parametric.parameters])
+        spreads = self.axis_spread, self.offset_spread, self.hand_spread
+        sd = np.array([spread_of(one, *spreads, held=math.inf) for one in parametric.parameters])
         free = np.isfinite(sd)
         if data.image.numel() <= int(free.sum()):
             raise InvalidRecording(
@@ -238,13 +239,6 @@ class SelfCalibration(Estimator):
         known = Intrinsics.held(body.camera.model)
         term = Images("images", parametric, q, offset, None, "hand", "camera", known, 0, data.image.numpy())
         return parametric, maximum_a_posteriori([term], free=free, sd=sd, robust=self.robust, steps=self.steps)
-
-    def _spread(self, parameter: Parameter) -> float:
-        """Standard deviation of a measure's prior; inf of what is held."""
-        if parameter.group == "hand":
-            # Turning one point about itself does what shifting it does.
-            return self.hand_spread if parameter.unit == "m" else math.inf
-        return {"axes": self.axis_spread, "offsets": self.offset_spread}.get(parameter.group, math.inf)
 
     def _freely(self, data: Samples, seed: int) -> CalibratedChain:
         """The geometry that explains the images best, whatever it was thought to be."""

@@ -156,8 +156,10 @@ def resampled(
         InvalidConfig: A level outside 0 to 1, or no resamples.
     """
     _check(level, resamples)
-    of = lambda drawn: (statistic(drawn),)  # noqa: E731
-    return resampled_together(of, units, unit, level=level, resamples=resamples, seed=seed)[0]
+    (found,) = resampled_together(
+        lambda drawn: (statistic(drawn),), units, unit, level=level, resamples=resamples, seed=seed
+    )
+    return found
 
 
 def resampled_together(
